@@ -127,8 +127,7 @@ def _own_rows(entries: Any, n: int, samples: Any) -> bool:
 
 def holds(changed: Any, target: Any, blame: Any) -> bool | None:
     """Whether what is told of an equation is so elsewhere; None where nothing is told."""
-    from deltac.diagnosis.check.matching import acceleration_parts
-    from deltac.diagnosis.check.terms import own_parts, plain_parts
+    from deltac.diagnosis.check.matching import acceleration_parts, own_parts, plain_parts
     from deltac.errors import InputError
     from deltac.repair.tracing.program import read
 

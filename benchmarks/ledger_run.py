@@ -20,7 +20,7 @@ import deltac as dc
 from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.energy.sampling.quadrature import INNER
 from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
-from deltac.kernels.kernel import AT_ONCE
+from deltac.kernels.kernel import BLOCK_STATES
 from deltac.kernels.parallel import cores, spread
 
 Array = NDArray[np.float64]
@@ -92,15 +92,15 @@ def _bare(mechanism: dc.Mechanism, log: dc.Trajectory, rounds: int) -> float:
     kernel = ledger_kernels(
         symbols, testing_functions(applicable(constrained=False)), forces.places
     ).at_samples
-    x = np.random.default_rng(1).random((kernel.n_in, AT_ONCE))
+    x = np.random.default_rng(1).random((kernel.n_in, BLOCK_STATES))
     kernel.compile()
 
     def some(blocks: int) -> None:
-        out = np.empty((kernel.n_out, AT_ONCE))
+        out = np.empty((kernel.n_out, BLOCK_STATES))
         for _ in range(blocks):
             kernel.flat(x, out=out)
 
-    share = [len(log) // AT_ONCE // cores()] * cores()
+    share = [len(log) // BLOCK_STATES // cores()] * cores()
     return median_seconds(lambda: spread(some, share), rounds)
 
 

@@ -1,7 +1,5 @@
 """What every test runs under: reproducible random examples, one thread, no display, an own disk cache."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import gc
@@ -36,8 +34,8 @@ TESTS = Path(__file__).parent
 
 # A first call compiles kernels, so a slow example says nothing about the code under test.
 _PATIENT = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("ci", max_examples=6, derandomize=True, **_PATIENT)
-settings.register_profile("thorough", max_examples=150, print_blob=True, **_PATIENT)
+settings.register_profile("ci", max_examples=6, derandomize=True, **_PATIENT)  # type: ignore[arg-type]
+settings.register_profile("thorough", max_examples=150, print_blob=True, **_PATIENT)  # type: ignore[arg-type]
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 

@@ -1,7 +1,5 @@
 """Sixty slips of users: each is an InputError of its kind, never a raw exception, never a wrong answer."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import inspect
@@ -111,7 +109,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     # audits
     "log and model swapped": ("E-ARGUMENTS", lambda: dc.audit("run.csv", "arm.xml")),
     "run and model swapped": ("E-TYPE", lambda: dc.audit(run(), M)),  # type: ignore
-    "number as a log": ("E-TYPE", lambda: dc.audit(M, 5)),
+    "number as a log": ("E-TYPE", lambda: dc.audit(M, 5)),  # type: ignore[arg-type]
     "missing log": ("E-FILE", lambda: dc.audit(M, "no.csv")),
     "tolerance of 5": ("E-VALUE", lambda: dc.audit(M, run(), tolerance=5)),
     "log of another model": ("E-LOG", lambda: dc.audit(M, run(coordinates=("knee",), speeds=("knee",)))),
@@ -155,7 +153,7 @@ def test_a_type_error_inside_stays_one() -> None:
 
 def test_a_study_of_tolerances_speaks_of_tolerances() -> None:
     found = dc.study(M, S, 1.0, solver=dc.solvers.Scipy("RK45", tolerance=1e-5))
-    assert found.measures.knob == "tolerance"
+    assert found.knob == "tolerance"
     assert "steps" not in str(found)
 
 

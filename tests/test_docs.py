@@ -121,6 +121,22 @@ def test_examples_in_docstrings() -> None:
     assert failed == 0, "see the captured output"
 
 
+def test_lists_that_the_guides_name_are_there() -> None:
+    """Who adds a part looks for these lists by the names in the guides."""
+    guides = "".join(
+        (ROOT / f"{name}.md").read_text("utf-8") for name in ("ARCHITECTURE", "CONTRIBUTING")
+    )
+    named = set(re.findall(r"`(_?[A-Z]{4,}(?:_[A-Z]+)*)`", guides))
+    folders = ("src", "tests", "benchmarks")
+    files = [p for folder in folders for p in (ROOT / folder).rglob("*.py")]
+    stated = {
+        name
+        for p in files
+        for name in re.findall(r"^(_?[A-Z_]+)\b", p.read_text("utf-8"), re.MULTILINE)
+    }
+    assert len(named) > 10 and {n for n in named if not n.startswith("DELTAC")} <= stated
+
+
 def test_the_notation_names_all_there_is() -> None:
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
     from deltac.mechanism import channels, joints

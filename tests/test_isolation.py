@@ -104,7 +104,7 @@ def test_an_interrupt_leaves_no_answer_behind() -> None:
 
 
 def test_it_can_be_switched_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(isolation.VARIABLE, "off")
+    monkeypatch.setenv(isolation.ISOLATION_VARIABLE, "off")
     found = read(HERE, "read")
     assert isinstance(found, dict) and found["pid"] == os.getpid()
 

@@ -1,7 +1,5 @@
 """`Report`: JSON of every result, text in any width, codes that are listed."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -130,11 +128,11 @@ def test_an_error_that_adds_where_has_the_code_of_its_cause() -> None:
     ("call", "code"),
     [
         (lambda: dc.audit("no-such-problem", "run.csv"), "E-NAME"),
-        (lambda: dc.audit(3, "run.csv"), "E-TYPE"),
+        (lambda: dc.audit(3, "run.csv"), "E-TYPE"),  # type: ignore[arg-type]
         (lambda: dc.audit("simple-pendulum", "missing.csv"), "E-FILE"),
         (lambda: dc.problems.load("simple-pendulum").mechanism.state({"elbow": 1.0}), "E-NAME"),
         (lambda: dc.point_mass("ball", -1.0), "E-MODEL"),
-        (lambda: dc.audit("simple-pendulum", 3), "E-TYPE"),
+        (lambda: dc.audit("simple-pendulum", 3), "E-TYPE"),  # type: ignore[arg-type]
         (lambda: dc.check_equations("simple-pendulum", lambda t, q, u: q[5]), "E-SOURCE"),
         (lambda: dc.study("simple-pendulum", steps=[1e-2, -1.0]), "E-VALUE"),
     ],

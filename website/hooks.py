@@ -402,18 +402,21 @@ def _column_names() -> Iterator[str]:
 
     arrays = dict(recognition._LAYOUTS)
     rows = [
-        *((f"{what} of a joint", words.WORDS[kind]) for kind, what in KINDS_OF_COLUMNS.items()),
+        *(
+            (f"{what} of a joint", words.COLUMN_WORDS[kind])
+            for kind, what in KINDS_OF_COLUMNS.items()
+        ),
         *((f"an array: {what}s", arrays[kind]) for kind, what in KINDS_OF_COLUMNS.items()),
         ("an array of coordinates and speeds", recognition._STATES),
         ("an array of commands, which a draft of a mapping only guesses", recognition._COMMANDS),
         ("a joint that turns", words.TURNS),
         ("a joint that slides", words.SLIDES),
         ("derivative of what stands beside it", words.DERIVATIVES),
-        ("place of a floating body", words.PLACES),
-        ("time", words.TIMES),
+        ("place of a floating body", words.PLACE_WORDS),
+        ("time", words.TIME_WORDS),
         ("no time of the rows", words.NO_TIMES),
         ("a single number: time between rows, s", words.STEPS),
-        ("a single number: rows per second", words.RATES),
+        ("a single number: rows per second", words.RATE_WORDS),
         ("a single number: steps between two rows", words.SKIPS),
         ("neutral", words.NEUTRAL),
         ("not what happened: the column is ignored", words.UNREAL),

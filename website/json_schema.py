@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 
 import deltac
-from deltac.diagnosis.verdict import Judged, Kind, Verdict
+from deltac.diagnosis.verdict import Judged, Verdict, VerdictKind
 from deltac.results import SCHEMA, Report, Serialisable
 
 FILE = Path(__file__).parents[1] / "docs" / "assets" / "results.schema.json"
@@ -96,7 +96,7 @@ class Definitions:
         if issubclass(kind, Judged):
             parts = {name: self.holding(annotation(Verdict, name)) for name in JUDGED}
             keys = {
-                "verdict": self.holding(Kind),
+                "verdict": self.holding(VerdictKind),
                 **parts,
                 **{k: v for k, v in keys.items() if k != "verdict"},
             }

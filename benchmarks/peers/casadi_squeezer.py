@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 Array = NDArray[np.float64]
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -35,7 +35,7 @@ class Sundials:
     """A method on the equations of a flow; `compiler` of its equations as C, None to interpret them."""
 
     method: str
-    flow: Flow
+    flow: StateFlow
     start: Array
     duration: float
     compiler: str | None = None
@@ -80,7 +80,7 @@ class Sundials:
         }
 
 
-def rivals(flow: Flow, start: Array, duration: float) -> Iterator[Sundials]:
+def rivals(flow: StateFlow, start: Array, duration: float) -> Iterator[Sundials]:
     """Both methods; interpreted, and compiled where there is a compiler."""
     for compiler in dict.fromkeys((None, shutil.which("cc"))):
         for method in METHODS:

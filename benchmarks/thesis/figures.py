@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.report.panels import POINTS
+from deltac.report.panels import CURVE_POINTS
 from deltac.report.picture import blank
 from deltac.report.style import COLOURS, DASHED, DOTTED, INK, styled
 
@@ -242,7 +242,7 @@ def stacked(figure: Figure, heights: Sequence[float], gaps: Sequence[float]) -> 
 
 
 def _angle(panel: Axes, curve: Curve, name: str, **look: Any) -> None:
-    stride = max(1, len(curve.t) // POINTS)
+    stride = max(1, len(curve.t) // CURVE_POINTS)
     panel.plot(curve.t[::stride], curve.angles[name][::stride], **look)
     panel.margins(x=0)
 

@@ -47,7 +47,7 @@ from deltac.diagnosis.residuals.states import States as States
 from deltac.diagnosis.residuals.states import random_states as random_states
 from deltac.diagnosis.study.convergence import Convergence as Convergence
 from deltac.diagnosis.study.convergence import observed_order as observed_order
-from deltac.diagnosis.study.study import Study as Study
+from deltac.diagnosis.study.result import Study as Study
 from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict
@@ -66,6 +66,10 @@ from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
 from deltac.importers import read_shapes as read_shapes
+from deltac.kernels.cache import CacheInfo as CacheInfo
+from deltac.kernels.cache import cache_info as cache_info
+from deltac.kernels.cache import clear_cache as clear_cache
+from deltac.kernels.cache import verify_cache as verify_cache
 from deltac.mechanism.bodies import body as body
 from deltac.mechanism.bodies import point_mass as point_mass
 from deltac.mechanism.bodies import rod as rod

@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass, replace
-from inspect import Parameter, isfunction, signature
+from inspect import isfunction
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
@@ -301,11 +301,11 @@ def _named(text: str) -> Model:
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
-    from deltac.importers.files import IMPORTED, with_base
+    from deltac.importers.files import MODEL_SUFFIXES, with_base
     from deltac.trajectories.formats.files import FORMATS
 
     path, base = with_base(text)
-    if path.suffix.lower() in IMPORTED:
+    if path.suffix.lower() in MODEL_SUFFIXES:
         if not os.path.isfile(path):
             raise FileError(f"model {text}: no such file")
         return _imported(text if base else path)
@@ -435,13 +435,15 @@ def _users(code: Callable[[], T], path: Path, failure: str) -> T:
 
 def _only_model(path: Path) -> Model:
     """The model of a file of which no name is told: the one it holds, or what its one function makes."""
+    from deltac.foreign.scripts import needs_nothing
+
     module = _run(path, "model")
     public = {name: value for name, value in vars(module).items() if name[0] != "_"}
     models = {name: value for name, value in public.items() if isinstance(value, Mechanism | Model)}
     functions = {
         name: value
         for name, value in public.items()
-        if isfunction(value) and value.__module__ == module.__name__ and _needs_nothing(value)
+        if isfunction(value) and value.__module__ == module.__name__ and needs_nothing(value)
     }
     candidates = models or functions
     if len({id(value) for value in candidates.values()}) == 1:
@@ -453,12 +455,6 @@ def _only_model(path: Path) -> Model:
         if names
         else f"model {path}: it holds no Mechanism, and no function without arguments that could return one"
     )
-
-
-def _needs_nothing(function: Callable[..., Any]) -> bool:
-    variadic = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
-    arguments = signature(function).parameters.values()
-    return all(a.default is not Parameter.empty or a.kind in variadic for a in arguments)
 
 
 def _made(source: Any, path: Path, name: str) -> Model:

@@ -19,8 +19,9 @@ from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.inputs.logs import LogLike
 from deltac.diagnosis.recommend.recommend import recommend
 from deltac.diagnosis.recommend.result import Recommendation
+from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
-from deltac.diagnosis.study.study import Study, study
+from deltac.diagnosis.study.study import study
 from deltac.diagnosis.verdict import REFINED_TOLERANCE
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
@@ -31,7 +32,7 @@ from deltac.trajectories.formats.mapping import MappingLike
 CANDIDATES = ("ode5", "ode4", "ode8", "generalized-alpha")
 """Solvers that are tried, explicit ones first; `recommend` tries all."""
 
-SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
+PART_SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
 """Of the time that each part takes, roughly; for the bar of progress."""
 
 
@@ -177,7 +178,7 @@ def examine(
             "in seconds, equations= or log="
         )
     skipped: list[str] = []
-    parts = Parts(progress, SHARES)
+    parts = Parts(progress, PART_SHARES)
     check = None
     if equations is not None:
         check = check_equations(model, equations, progress=parts.part("check"))

@@ -1,7 +1,5 @@
 """The class of mechanisms: of the problem library by what is published, of small ones by construction."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -77,7 +75,7 @@ def slides(*constraints: object, count: int = 3) -> dc.Mechanism:
     return dc.Mechanism(
         [dc.point_mass(f"mass {n}", 1.0) for n in names],
         [dc.prismatic(n, "ground", f"mass {n}", "x") for n in names],
-        constraints=list(constraints),
+        constraints=list(constraints),  # type: ignore[arg-type]
     )
 
 

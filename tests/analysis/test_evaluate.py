@@ -1,7 +1,5 @@
 """Evaluations, kinematics, linearisation and equilibria against closed forms and published numbers."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import time
@@ -90,7 +88,7 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match="Problem"):
         dc.evaluate(mechanism)
     with pytest.raises(InputError, match="ndarray"):
-        dc.evaluate(mechanism, np.zeros(2))
+        dc.evaluate(mechanism, np.zeros(2))  # type: ignore[arg-type]
     with pytest.raises(InputError, match="3 coordinates"):
         dc.evaluate(mechanism, four_bar().state())
     with pytest.raises(InputError, match="'bobb'"):
@@ -167,8 +165,8 @@ def test_a_run_knows_its_kinematics_and_multipliers(tmp_path: Any) -> None:
 def test_small_motions_of_a_pendulum_with_a_motor() -> None:
     mechanism = replace(pendulum(), forces=[dc.forces.joint_torque("motor", "hinge")])
     found = dc.linearise(mechanism, mechanism.state())
-    np.testing.assert_allclose(found.A, [[0, 1], [-9.81 / 0.5, 0]], atol=1e-14)
-    np.testing.assert_allclose(found.B, [[0], [1 / (2 * 0.5**2)]], atol=1e-14)
+    np.testing.assert_allclose(found.A, [[0, 1], [-9.81 / 0.5, 0]], atol=1e-14)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.B, [[0], [1 / (2 * 0.5**2)]], atol=1e-14)  # type: ignore[arg-type]
     assert found.names == ("δ hinge", "hinge") and found.inputs == ("motor",)
     frequency = np.sqrt(9.81 / 0.5)
     np.testing.assert_allclose(np.abs(found.eigenvalues.imag), frequency, rtol=1e-14)

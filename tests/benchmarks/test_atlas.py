@@ -1,7 +1,5 @@
 """The atlas: the same motion in every simulator, a row for whatever goes wrong, resumed after a kill."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import os
@@ -305,7 +303,7 @@ def kutta(step: float) -> dc.Trajectory:
         rows.append(x + step / 6 * (k1 + 4 * k2 + rate(x - step * k1 + 2 * step * k2)))
     y = np.array(rows)
     return dc.Trajectory(
-        t=np.arange(len(y)) * step, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        t=np.arange(len(y), dtype=float) * step, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
         forces={"damper j": -0.3 * y[:, 1:]},
         provenance=dc.Provenance("own loop", solver="kutta", step=step, order=3),
     )  # fmt: skip

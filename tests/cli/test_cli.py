@@ -120,7 +120,7 @@ def test_cache_is_shown_and_cleared(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cleared: list[bool] = []
-    monkeypatch.setattr("deltac.kernels.clear_cache", lambda: cleared.append(True))
+    monkeypatch.setattr("deltac.kernels.cache.clear_cache", lambda: cleared.append(True))
     monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
     status, out, _ = run("cache", "--json", capsys=capsys)
     assert status == 0

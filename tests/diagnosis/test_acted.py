@@ -1,7 +1,5 @@
 """Logs of commands in place of the forces that acted; the cart-pole's own equations are the oracle."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -67,7 +65,7 @@ def test_a_limit() -> None:
     ids=["damper", "mass", "gear", "offset"],
 )
 def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Actuator) -> None:
-    run = commanded(replace(CartPole(), **run_by), actuator, damping=0.0)
+    run = commanded(replace(CartPole(), **run_by), actuator, damping=0.0)  # type: ignore[arg-type]
     found = dc.audit(CartPole().mechanism(), run)
     assert not {"F-FORCE-DELAYED", "F-FORCE-LIMITED"} & {f.code for f in found.verdict.findings}
     assert found.verdict.kind in ("equation-error", "unresolved")

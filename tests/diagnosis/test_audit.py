@@ -1,7 +1,5 @@
 """What `audit` says of MuJoCo runs that are right, and of logs and models with a planted mistake."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import copy
@@ -275,8 +273,8 @@ def test_arguments_that_make_no_sense() -> None:
     with pytest.raises(dc.InputError, match="tolerance is 2"):
         audit(model_of(ARM), arm_run(), tolerance=2)
     with pytest.raises(dc.InputError, match="expected a Trajectory"):
-        audit(model_of(ARM), 3)
+        audit(model_of(ARM), 3)  # type: ignore[arg-type]
     with pytest.raises(dc.InputError, match="mapping= is for log files"):
         audit(model_of(ARM), arm_run(), mapping="map.toml")
     with pytest.raises(dc.InputError, match="model: found int"):
-        audit(3, arm_run())
+        audit(3, arm_run())  # type: ignore[arg-type]

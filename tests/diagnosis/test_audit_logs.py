@@ -1,7 +1,5 @@
 """What `audit` says of logs that cannot be judged, or are told in other names, digits and orders."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -88,7 +86,7 @@ def test_degrees_are_named() -> None:
 def test_degrees_in_all_columns_are_named() -> None:
     """Coordinates and speeds then agree with each other: only the equations tell."""
     run = arm_run().between(0.0, 0.4)
-    turned = replace(run, q=np.degrees(run.q), u=np.degrees(run.u), udot=np.degrees(run.udot))
+    turned = replace(run, q=np.degrees(run.q), u=np.degrees(run.u), udot=np.degrees(run.udot))  # type: ignore[arg-type]
     found = audit(model_of(ARM), turned)
     assert found.verdict.kind == "unresolved", found.verdict.explain()
     assert {f.kind for f in found.findings if f.weight == "doubt"} == {"degrees"}
@@ -114,7 +112,7 @@ def test_values_one_row_old_are_named(what: str) -> None:
     if "forces" in what:
         run = replace(run, forces={n: late(f) for n, f in run.forces.items()})
     if "accelerations" in what:
-        run = replace(run, udot=late(arm_run().udot))
+        run = replace(run, udot=late(arm_run().udot))  # type: ignore[arg-type]
     found = audit(model_of(ARM), run)
     assert found.verdict.kind == "unresolved"
     doubts = [f for f in found.findings if f.weight == "doubt"]

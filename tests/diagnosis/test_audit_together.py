@@ -14,7 +14,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.audit.audit import audit_together
 from deltac.errors import InputError
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 
 PROBLEM = dc.problems.load("double-pendulum")
 
@@ -89,8 +89,8 @@ FEW = ("rk4", "coarse", "wrong mass", "uneven", "two rows", "spike", "blown up",
     ("way", "names"),
     [
         pytest.param(nullcontext, None, marks=pytest.mark.slow, id="as it is"),
-        pytest.param(compiled, None, marks=pytest.mark.slow, id="compiled"),
-        pytest.param(compiled, FEW, id="some, compiled"),
+        pytest.param(compiled_rows, None, marks=pytest.mark.slow, id="compiled"),
+        pytest.param(compiled_rows, FEW, id="some, compiled"),
     ],
 )
 def test_each_is_judged_as_alone(

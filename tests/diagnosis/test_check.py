@@ -18,7 +18,6 @@ from tests.systems.hand_equations import (
     chaplygin_sleigh,
     free_box,
     lagrange_top,
-    triple_pendulum,
 )
 
 PENDULUM = dc.problems.load("triple-pendulum", damping=(0.01, 0.02, 0.03))
@@ -199,7 +198,6 @@ def test_what_is_wrong_is_told(name: str) -> None:
         return np.linalg.solve(M, np.array(right) + np.array([1.0, 0.0, 0.0]) * change(t, q, u))
 
     found = check(rhs)
-    assert not found.vectorised  # M is no array of matrices there
     (blame,) = found.blame
     assert (blame.number, blame.degrees) == (1, degrees)
     assert words in " ".join(str(blame).split()) or words in (blame.depends_on or ())
@@ -292,18 +290,6 @@ def test_json_has_all_there_is() -> None:
     assert told["blame"][0]["terms"][0]["words"].endswith(", enters with the wrong sign")
     assert set(told["example"]["given"]) == {"theta1", "theta2", "theta3"}
     assert {"coordinate residual", "wang"} <= {entry["test"] for entry in told["seen"]}
-
-
-def test_batches_are_used_where_they_agree() -> None:
-    case = triple_pendulum()
-    assert dc.check_equations(case.mechanism, case.rhs, coordinates=case.coordinates).vectorised
-
-    def mixes(t: Any, q: Any, u: Any) -> Any:  # right alone, wrong in a batch
-        value = case.rhs(t, q, u)
-        return value if q.ndim == 1 else value[:, ::-1]
-
-    found = dc.check_equations(case.mechanism, mixes, coordinates=case.coordinates)
-    assert found.verdict.kind == "consistent" and not found.vectorised
 
 
 def test_states_of_a_run_or_of_ones_own() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import deltac as dc
-from deltac.diagnosis.check.example import Example
+from deltac.diagnosis.check.location import Example
 
 PENDULUM = dc.problems.load("simple-pendulum").mechanism
 

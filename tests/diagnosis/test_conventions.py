@@ -1,7 +1,5 @@
 """Conventions in which log and model differ are named, and accuse nobody."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -177,7 +175,7 @@ def test_an_axis_that_points_the_other_way_is_told_in_coarse_rows(step: float) -
     x = np.array(rows)
     names, at_pole = ("rail", "pole"), np.array([0.0, 1.0])
     log = dc.Trajectory(
-        t=step * np.arange(len(x)), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names,
+        t=step * np.arange(len(x), dtype=float), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names,
         forces={"spring pole": -STIFF * x[:, :2] * at_pole, "damper pole": -DAMPED * x[:, 2:] * at_pole},
         provenance=dc.Provenance("other", step=step),
     )  # fmt: skip

@@ -1,7 +1,5 @@
 """Digits of more rows than are looked at: the same as those of fewer rows."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import numpy as np
@@ -10,9 +8,9 @@ import pytest
 from deltac.arrays import EPS
 from deltac.diagnosis.measurements.digits import Digits, resolution
 from deltac.trajectories import Trajectory, suspicions
-from deltac.trajectories.lint import MANY
+from deltac.trajectories.lint import LOOKED_AT
 
-ROWS = 3 * MANY
+ROWS = 3 * LOOKED_AT
 T = 1e-3 * np.arange(ROWS)
 SMOOTH = np.sin(0.7 * T) + 0.1 * np.cos(13.0 * T)
 COUNT = 2.0 * np.pi / 2**14
@@ -30,8 +28,8 @@ COLUMNS = {
 def test_each_kind_is_recognised(name: str) -> None:
     values, expected = COLUMNS[name]
     digits = Digits(np.stack([SMOOTH, np.asarray(values, dtype=float)], axis=1))
-    few = Digits(digits._values[:MANY])
-    some = np.array([5, MANY - 1])
+    few = Digits(digits._values[:LOOKED_AT])
+    some = np.array([5, LOOKED_AT - 1])
     # The count is the least difference of what was seen: known to the rounding of the numbers.
     np.testing.assert_allclose(digits.half(some), few.half(some), rtol=1e-9)
     assert digits.half().shape == (ROWS, 2)
@@ -42,7 +40,11 @@ def test_each_kind_is_recognised(name: str) -> None:
 def test_slips_of_a_long_log_are_seen() -> None:
     q, u = SMOOTH, np.gradient(SMOOTH, T)
     run = Trajectory(
-        t=T, q=(180.0 / np.pi * q)[:, None], u=u[:, None], coordinates=("a",), speeds=("a",)
+        t=np.asarray(T, dtype=float),
+        q=(180.0 / np.pi * q)[:, None],
+        u=u[:, None],
+        coordinates=("a",),
+        speeds=("a",),
     )
     found = [s for s in suspicions(run) if s.certain]
     assert [s.kind for s in found] == ["degrees"] and found[0].factors["q.a"] == np.pi / 180.0

@@ -3,8 +3,6 @@
 Each log is of physics written out here; true numbers are those that made it.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import numpy as np
@@ -49,7 +47,7 @@ def vibration(tyre: float, h: float, rows: int, noise: float) -> dc.Trajectory:
     x += noise * x.std(axis=0) * np.random.default_rng(2).standard_normal(x.shape)
     names = ("tyre", "strut")
     return dc.Trajectory(
-        t=h * np.arange(rows), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names
+        t=h * np.arange(rows, dtype=float), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names
     )
 
 
@@ -94,7 +92,7 @@ def test_a_gear_under_one_sine_is_no_filter_of_negative_width(noise: float) -> N
         gravity=(0, 0, -G),
     )
     log = dc.Trajectory(
-        t=t, q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),
+        t=t, q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),  # type: ignore[arg-type]
         forces={"actuator motor": torque[:, None]},
     )  # fmt: skip
     audit = dc.audit(model, log)
@@ -122,7 +120,11 @@ def tumbling(h: float, steps: int) -> dc.Trajectory:
     Q, U = (np.array(x) for x in zip(*rows, strict=True))
     quaternion, speeds = (f"base.q{k}" for k in "wxyz"), [f"base.w{k}" for k in "xyz"]
     return dc.Trajectory(
-        t=h * np.arange(steps + 1), q=Q, u=U, coordinates=tuple(quaternion), speeds=tuple(speeds)
+        t=h * np.arange(steps + 1, dtype=float),
+        q=Q,
+        u=U,
+        coordinates=tuple(quaternion),
+        speeds=tuple(speeds),
     )
 
 
@@ -164,7 +166,11 @@ def free_fall(h: float, steps: int) -> tuple[dc.Mechanism, dc.Trajectory, float]
         gravity=(0, 0, 0),
     )
     log = dc.Trajectory(
-        t=h * np.arange(steps + 1), q=x[:, :1], u=x[:, 1:], coordinates=("rail",), speeds=("rail",)
+        t=h * np.arange(steps + 1, dtype=float),
+        q=x[:, :1],
+        u=x[:, 1:],
+        coordinates=("rail",),
+        speeds=("rail",),
     )
     return model, log, float(np.abs(energy - energy[0]).max())
 
@@ -190,7 +196,7 @@ def test_a_stiffness_of_zero_is_no_factor() -> None:
     t = 0.002 * np.arange(501)
     u = np.exp(-0.25 * t)
     q = (1.0 - u) / 0.25
-    log = dc.Trajectory(t=t, q=q[:, None], u=u[:, None], coordinates=("rail",), speeds=("rail",))
+    log = dc.Trajectory(t=t, q=q[:, None], u=u[:, None], coordinates=("rail",), speeds=("rail",))  # type: ignore[arg-type]
     assert dc.audit(model, log).verdict.kind == "consistent"
 
 

@@ -3,8 +3,6 @@
 The motions are solved by SciPy from the textbook's equation of a damped pendulum, to far below their noise.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from typing import Any
@@ -42,7 +40,7 @@ def log(damping: float, seed: int) -> dc.Trajectory:
     y = solve_ivp(rates, (0.0, 2.0), start, t_eval=t, rtol=1e-11, atol=1e-12).y
     y = y + NOISE * rng.standard_normal(y.shape)
     return dc.Trajectory(
-        t=t, q=y[:1].T, u=y[1:].T, coordinates=("pivot",), speeds=("pivot",),
+        t=t, q=y[:1].T, u=y[1:].T, coordinates=("pivot",), speeds=("pivot",),  # type: ignore[arg-type]
         provenance=dc.Provenance("SciPy"),
     )  # fmt: skip
 
@@ -96,7 +94,7 @@ def test_the_steps_of_a_study_share_what_is_wrong() -> None:
             u += step * (-9.81 / 0.7 * np.sin(q) - 0.07 / (1.3 * 0.7**2) * u)
             y[k + 1] = q + step * u, u
         return dc.Trajectory(
-            t=t, q=y[:, :1], u=y[:, 1:], coordinates=("pivot",), speeds=("pivot",),
+            t=t, q=y[:, :1], u=y[:, 1:], coordinates=("pivot",), speeds=("pivot",),  # type: ignore[arg-type]
             provenance=dc.Provenance("by hand", step=step),
         )  # fmt: skip
 

@@ -1,7 +1,5 @@
 """States behind a filter are judged by what went into it; limits that a log reaches accuse nobody."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -47,7 +45,7 @@ def swung() -> dc.Trajectory:
         rows.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
     y = np.array(rows)
     return dc.Trajectory(
-        t=h * np.arange(len(y)), q=y[:, :1], u=y[:, 1:], coordinates=("pin",), speeds=("pin",),
+        t=h * np.arange(len(y), dtype=float), q=y[:, :1], u=y[:, 1:], coordinates=("pin",), speeds=("pin",),
         provenance=dc.Provenance("by hand"),
     )  # fmt: skip
 
@@ -95,7 +93,7 @@ def driven(damping: float) -> tuple[dc.Mechanism, dc.Trajectory]:
     x = np.array(rows)
     late = lfilter(b, a, x - x[0], axis=0) + x[0]
     return pendulum(), dc.Trajectory(
-        t=STEP * np.arange(SPAN), q=late[:, :1], u=late[:, 1:], coordinates=("pin",),
+        t=STEP * np.arange(SPAN, dtype=float), q=late[:, :1], u=late[:, 1:], coordinates=("pin",),
         speeds=("pin",), forces={"actuator pin": torque[:, None]},
         provenance=dc.Provenance("by hand"),
     )  # fmt: skip

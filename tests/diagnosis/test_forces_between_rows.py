@@ -4,8 +4,6 @@ A pendulum with a motor and a damper, integrated by hand; its true joules are of
 torque that acted, by SciPy's DOP853 over every step.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -102,7 +100,7 @@ def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     step: Step, parts: int
 ) -> None:
     x, torques = motion(step)
-    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 1001, parts)))
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 1001, parts)))  # type: ignore[arg-type]
     assert audit.verdict.kind != "equation-error" and not audit.causes
     assert audit.inference is not None and audit.attribution is not None
     assert audit.inference.forces == ("step",)
@@ -118,7 +116,7 @@ def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -
     x, torques = motion(step)
     rng = np.random.default_rng(3)
     some = np.sort(rng.choice(1001, 500, replace=False))
-    audit = dc.audit(MECHANISM, log(x, torques, some))
+    audit = dc.audit(MECHANISM, log(x, torques, some))  # type: ignore[arg-type]
     assert not audit.causes and audit.attribution is not None
     curve = true_joules(x, torques)
     true, told = curve[some[-1]] - curve[some[0]], audit.attribution.integrator
@@ -134,7 +132,7 @@ def test_a_stair_has_the_mean_of_its_line_half_a_step_later() -> None:
     nothing = np.zeros((5, 0))
     rows = [Rows(x, nothing, nothing, 3.0 + 2.0 * x[:, None]) for x in (t[:-1], t[1:])]
     counts = np.full(5, 4)
-    force = LoggedForce.of(Intervals(*rows), [(0, 5)], counts)(("step",))
+    force = LoggedForce.of(Intervals(*rows), [(0, 5)], counts)(("step",))  # type: ignore[arg-type]
     first, change = 3.0 + 2.0 * t[:-1, None], 0.4
     for begin, s in ((0.0, 0.1), (0.25, 0.4), (0.75, 0.99)):
         assert force(s, begin) == pytest.approx(first + change * begin, abs=1e-12)
@@ -147,7 +145,7 @@ def test_a_method_implicit_in_the_damper_is_no_inertia_behind_a_filter() -> None
     x, torques = motion(implicit_damping)
     b, a = butter(2, 2.0 * 60.0 * H)
     smooth = filtfilt(b, a, x, axis=0)
-    audit = dc.audit(MECHANISM, log(smooth, torques, np.arange(50, 951), step=H))
+    audit = dc.audit(MECHANISM, log(smooth, torques, np.arange(50, 951), step=H))  # type: ignore[arg-type]
     assert audit.verdict.kind != "equation-error"
     assert not any("inertia" in c.kind or "moment" in c.kind for c in audit.causes)
 
@@ -164,7 +162,7 @@ def test_what_departs_between_rows_of_right_accelerations_is_of_the_steps() -> N
     y = np.array(x)
     udot = np.array([[acceleration(q, u, 0.0)] for q, u in y])
     run = dc.Trajectory(
-        t=np.arange(steps + 1) * h, q=y[:, :1], u=y[:, 1:], udot=udot,
+        t=np.arange(steps + 1, dtype=float) * h, q=y[:, :1], u=y[:, 1:], udot=udot,
         coordinates=("j",), speeds=("j",), provenance=dc.Provenance("hand"),
     )  # fmt: skip
     audit = dc.audit(MECHANISM, run)
@@ -196,7 +194,7 @@ def test_a_wrong_damper_of_an_oscillator_is_not_the_integrators() -> None:
         ],
     )
     run = dc.Trajectory(
-        t=h * np.arange(len(x)), q=x[:, :1], u=x[:, 1:], coordinates=("s",), speeds=("s",),
+        t=h * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:], coordinates=("s",), speeds=("s",),
         provenance=dc.Provenance("hand"),
     )  # fmt: skip
     audit = dc.audit(slider, run)

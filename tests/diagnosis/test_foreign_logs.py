@@ -3,8 +3,6 @@
 The oracle is a cart-pole with hand-written equations and integrators.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -234,7 +232,7 @@ def test_a_mistake_beside_errors_of_such_steps(method: str) -> None:
 def test_integrators_that_close_alike_are_listed() -> None:
     """Seven digits do not tell methods of fourth and fifth order apart at this step."""
     run = log(RIGHT, "rk4", accelerations=False)
-    single = replace(run, q=np.float32(run.q), u=np.float32(run.u))
+    single = replace(run, q=np.float32(run.q), u=np.float32(run.u))  # type: ignore[arg-type]
     integrator = dc.audit(MECHANISM, single).integrator
     assert integrator is not None and integrator.order >= 3
     assert {"rk4", "dormand-prince"} <= {*integrator.names} or "higher-order" in integrator.names

@@ -5,8 +5,6 @@ from the least-squares solution of the changed mechanism's equations. Places, tu
 random, all of a part at once; differences of fourth order with steps of 3e-4 have errors of some 1e-9.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -90,7 +88,7 @@ def samples(mechanism: dc.Mechanism, count: int = 4) -> dc.Trajectory:
 
 def trajectory(mechanism: dc.Mechanism, q: Array, u: Array, udot: Array) -> dc.Trajectory:
     return dc.Trajectory(
-        t=np.arange(len(q)) + 0.3, q=q, u=u, udot=udot, coordinates=mechanism.coordinates.names,
+        t=np.arange(len(q), dtype=float) + 0.3, q=q, u=u, udot=udot, coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names, provenance=dc.Provenance("states"),
     )  # fmt: skip
 
@@ -182,7 +180,7 @@ def test_columns_of_a_tree_are_derivatives_of_its_residual() -> None:
     def residual(m: dc.Mechanism) -> Array:
         motion = equations_of_motion(m)
         terms = [motion.terms(t, q, u) for t, q, u in zip(run.t, run.q, run.u)]
-        return np.array([x.force - x.bias - x.M @ a for x, a in zip(terms, run.udot)])
+        return np.array([x.force - x.bias - x.M @ a for x, a in zip(terms, run.udot)])  # type: ignore[arg-type]
 
     np.testing.assert_allclose(X[..., 0], residual(mechanism), rtol=0, atol=1e-11)
     assert {c.element for c in kernels.columns} >= {

@@ -1,7 +1,5 @@
 """The inference from prediction errors: each part against another route, the whole against reruns."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -90,7 +88,7 @@ def log(
     y = np.array(rows)
     y = y + noise * y.std(axis=0) * np.random.default_rng(0).standard_normal(y.shape)
     return dc.Trajectory(
-        t=np.arange(len(y)) * h,
+        t=np.arange(len(y), dtype=float) * h,
         q=np.c_[y[:, 0], y[:, 1] - y[:, 0]],
         u=np.c_[y[:, 2], y[:, 3] - y[:, 2]],
         coordinates=("j1", "j2"),
@@ -388,7 +386,7 @@ def held(noise: float = 0.0) -> tuple[dc.Mechanism, dc.Trajectory]:
     y = np.array(rows)
     y = y + noise * np.random.default_rng(0).standard_normal(y.shape)
     run = dc.Trajectory(
-        t=np.arange(len(y)) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        t=np.arange(len(y), dtype=float) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
         forces={"actuator motor": np.array(torques)[:, None]},
     )  # fmt: skip
     return mechanism, run
@@ -436,7 +434,7 @@ def test_rows_of_noise_accuse_nobody(seed: int) -> None:
     q, u = rng.standard_normal((2, 400, 1))
     mechanism, _ = held()
     run = dc.Trajectory(
-        t=0.01 * np.arange(400), q=q, u=u, coordinates=("j",), speeds=("j",),
+        t=0.01 * np.arange(400, dtype=float), q=q, u=u, coordinates=("j",), speeds=("j",),
     )  # fmt: skip
     audit = dc.audit(mechanism, run)
     assert audit.verdict.kind == "unresolved"
@@ -586,7 +584,7 @@ def test_central_differences_are_no_measured_speeds() -> None:
 def test_the_probability_of_an_error_is_that_of_its_posterior(joules: float, error: float) -> None:
     """Spike and slab of equal weight, by quadrature of likelihood times prior."""
     ledger = SimpleNamespace(energy_exchanged=300.0, reference_energy=1000.0)
-    judged = Judgement(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)
+    judged = Judgement(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)  # type: ignore[arg-type]
     found = judged._beyond(np.array([joules]), np.array([error]))[0]
     size = max(0.01 * 300.0, abs(joules))
     J = np.linspace(-40.0, 40.0, 400_001)
@@ -619,7 +617,7 @@ def servo(h: float) -> tuple[dc.Mechanism, dc.Trajectory]:
         rows.append(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3)))
     y = np.array(rows)
     return mechanism, dc.Trajectory(
-        t=np.arange(len(y)) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        t=np.arange(len(y), dtype=float) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
         forces={"actuator motor": np.array([[torque(x)] for x in rows])},
         provenance=dc.Provenance("own loop", solver="rk4", step=h, order=4),
     )  # fmt: skip
@@ -638,10 +636,10 @@ def test_forces_between_rows_are_splines_within_their_doubt() -> None:
     h = 0.05
     t = np.arange(41) * h
     rows = [
-        Rows(x, np.zeros((40, 0)), np.zeros((40, 0)), np.sin(3.0 * x)[:, None])
+        Rows(x, np.zeros((40, 0)), np.zeros((40, 0)), np.sin(3.0 * x)[:, None])  # type: ignore[arg-type]
         for x in (t[:-1], t[1:])
     ]
-    force = LoggedForce.of(Intervals(*rows), [(0, 40)])
+    force = LoggedForce.of(Intervals(*rows), [(0, 40)])  # type: ignore[arg-type]
     s, w = np.polynomial.legendre.leggauss(4)
     between = force(("smooth",))
     mean = sum(b * between(0.5 + 0.5 * a) for a, b in zip(s, w / 2.0, strict=True))[:, 0]

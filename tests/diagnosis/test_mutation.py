@@ -14,7 +14,7 @@ import pytest
 
 import deltac as dc
 from deltac.cli import main
-from deltac.repair.mutate.operators import KINDS, mutants
+from deltac.repair.mutate.operators import MUTANT_KINDS, mutants
 
 EULER = """\
 import numpy as np
@@ -47,7 +47,7 @@ def test_each_mutant_is_one_change_of_its_kind() -> None:
     original = ast.dump(ast.parse(EULER))
     assert len({m.text for m in made}) == len(made) > 100
     for m in made:
-        assert m.kind in KINDS and m.before != m.after
+        assert m.kind in MUTANT_KINDS and m.before != m.after
         assert ast.dump(ast.parse(m.text)) != original
         differing = [
             k
@@ -152,13 +152,13 @@ def test_the_heads_of_the_table_differ_at_80_columns() -> None:
     from deltac.repair.mutate.operators import Mutant
     from deltac.repair.mutate.report import (
         CONSTRAINTS,
-        MOMENTUM,
+        MOMENTUM_TEST,
         RESIDUAL,
         MutantTrial,
         MutationReport,
     )
 
-    tests = (*TESTING_FUNCTIONS, MOMENTUM, CONSTRAINTS, RESIDUAL)
+    tests = (*TESTING_FUNCTIONS, MOMENTUM_TEST, CONSTRAINTS, RESIDUAL)
     trials = tuple(
         MutantTrial(Mutant("dropped factor", 1, "a", "b", ""), dict.fromkeys(tests, 1.0))
         for _ in range(1000)

@@ -3,8 +3,6 @@
 The oracle is a cart-pole with hand-written equations, and noise whose size is known.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -135,7 +133,7 @@ def test_an_impact_near_an_end_is_seen(row: int) -> None:
     before = part(0.9, 1.0, rows * h)
     after = part(before.q[-1, 0], before.u[-1, 0] + 0.5, (2000 - rows) * h)
     run = dc.Trajectory(
-        t=h * np.arange(2001),
+        t=h * np.arange(2001, dtype=float),
         q=np.concatenate([before.q, after.q[1:]]),
         u=np.concatenate([before.u, after.u[1:]]),
         coordinates=("a",),
@@ -154,7 +152,7 @@ def test_noise_on_a_motion_without_scheme_columns() -> None:
     t = 2e-3 * np.arange(1001)[:, None]
     a, start = np.array([0.15, 0.3]), np.array([1.0, 2.0])
     run = dc.Trajectory(
-        t=t[:, 0],
+        t=t[:, 0],  # type: ignore[arg-type]
         q=1.0 + start * t + 0.5 * a * t**2,
         u=start + a * t,
         coordinates=("xa", "xb"),

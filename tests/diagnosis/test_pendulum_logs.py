@@ -4,8 +4,6 @@ What a hinge's integrator and a wrong inertia do to its rows is nearly the same:
 prior explains an inertia to rounding, and the likelihood must be one of rows that are exact to 1e-15.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -101,8 +99,12 @@ def joules(x: Array, h: float, model: float) -> tuple[float, float]:
 def log(x: Array, h: float, u: Array | None = None) -> dc.Trajectory:
     speeds = x[:, 1] if u is None else u
     return dc.Trajectory(
-        t=h * np.arange(len(x)), q=x[:, :1], u=speeds[:, None], coordinates=("hinge",), speeds=("hinge",)
-    )  # fmt: skip
+        t=h * np.arange(len(x), dtype=float),
+        q=x[:, :1],
+        u=speeds[:, None],
+        coordinates=("hinge",),
+        speeds=("hinge",),
+    )
 
 
 @pytest.mark.parametrize(

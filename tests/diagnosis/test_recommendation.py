@@ -1,7 +1,5 @@
 """recommend: the advice keeps its tolerance when run again, and the next cheaper setting does not."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -46,7 +44,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
     assert advice.coarser is not None
     errors = []
     for step in (advice.step, advice.coarser.setting):
-        run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
+        run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)  # type: ignore[arg-type]
         exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
         ledger = dc.balance(problem.mechanism, run, testing=("wang",))
         energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.reference_energy)

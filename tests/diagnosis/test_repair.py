@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.repair.mutate.operators import KINDS, mutants
+from deltac.repair.mutate.operators import MUTANT_KINDS, mutants
 from deltac.repair.outcome import Repair
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.samples import Target
@@ -97,7 +97,6 @@ def test_right_equations_need_no_repair(target: Target) -> None:
         ("-k * sin(a - b) * vb**2 - ", "-", 14, "term"),
         ("D = A * B - M**2", "D = A * B - M", 18, "power"),
         ("g = 9.81", "g = 9.8", 5, "number"),
-        ("a, b = q", "b, a = q", 10, "order"),
     ],
 )
 def test_the_place_and_the_edit_are_found(
@@ -186,7 +185,9 @@ def test_a_number_of_mutants_of_every_kind(target: Target) -> None:
     made = [m for m in mutants(EQUATIONS, "rhs", seed=1)]
     draw = random.Random(0)
     chosen = [
-        draw.choice(kind) for kind in ([m for m in made if m.kind == k] for k in KINDS) if kind
+        draw.choice(kind)
+        for kind in ([m for m in made if m.kind == k] for k in MUTANT_KINDS)
+        if kind
     ]
     rng = np.random.default_rng(5)
     q, u = rng.uniform(-2, 2, (2, 4)), rng.standard_normal((2, 4))

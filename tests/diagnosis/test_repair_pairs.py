@@ -8,7 +8,7 @@ import equations
 import numpy as np
 import pytest
 
-from deltac.diagnosis.check.location import blame_at
+from deltac.diagnosis.check.location import blame
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.outcome import Repair, blamed_terms
 from deltac.repair.repair import repair_source
@@ -88,7 +88,7 @@ def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) ->
     test = target.test()
     program = read(Source("eom.py", mistaken(edits), "rhs"), target).worst
     udot = program.run()[:, program.samples.group == 0]
-    terms = sorted(blamed_terms(blame_at(test, udot, np.full(2, RIGHT))))
+    terms = sorted(blamed_terms(blame(test, udot, np.full(2, RIGHT))))
     assert len(terms) == 2
     assert terms[1].startswith("equation 2 (b)") and "the inertia term" in terms[1]
     assert "0.25" in terms[1]  # (1/12) / (1/3)

@@ -265,7 +265,7 @@ def test_runs_over_other_times() -> None:
     assert found.comparison.t[-1] == pytest.approx(0.8)
     late = studied(lambda step: simulator(step).between(0.2 if step == 0.01 else 0.0, 1.0))
     assert "other-start" in kinds(late)
-    assert late.measures.steps == (0.02, 0.005)
+    assert late.steps == (0.02, 0.005)
 
 
 def test_steps_without_common_times() -> None:
@@ -278,7 +278,7 @@ def test_steps_without_common_times() -> None:
 def test_steps_that_do_not_refine() -> None:
     found = studied(simulator, (0.02, 0.02, 0.01, 0.005))
     assert "steps-do-not-refine" in kinds(found)
-    assert found.measures.steps == (0.02, 0.01, 0.005)
+    assert found.steps == (0.02, 0.01, 0.005)
     for wrong in ((0.01, -1.0), (0.01, float("nan")), ("x",)):
         with pytest.raises(InputError, match="positive, finite"):
             studied(simulator, wrong)
@@ -303,7 +303,7 @@ def test_a_step_that_does_not_divide_is_left_out() -> None:
     mechanism = pendulum()
     found = dc.study(mechanism, mechanism.state({"hinge": 1.0}), 1.0, (0.02, 0.013, 0.01, 0.005))
     assert "run-failed" in kinds(found)
-    assert found.measures.steps == (0.02, 0.01, 0.005)
+    assert found.steps == (0.02, 0.01, 0.005)
 
 
 @pytest.mark.parametrize(
@@ -342,8 +342,8 @@ def test_unusable_arguments(options: dict[str, Any], said: str) -> None:
 def test_a_solver_that_chooses_its_steps_is_refined_by_its_tolerance() -> None:
     start = pendulum().state({"hinge": 1.0})
     found = dc.study(pendulum(), start, 1.0, solver=dc.solvers.Scipy("DOP853", tolerance=1e-9))
-    assert found.measures.knob == "tolerance"
-    assert found.measures.steps == pytest.approx((1e-7, 1e-8, 1e-9))
+    assert found.knob == "tolerance"
+    assert found.steps == pytest.approx((1e-7, 1e-8, 1e-9))
 
 
 def test_logs_of_an_adaptive_solver_have_no_order_in_their_tolerance() -> None:
@@ -356,7 +356,7 @@ def test_logs_of_an_adaptive_solver_have_no_order_in_their_tolerance() -> None:
     ]
     found = dc.study(mechanism, runs=runs)
     assert found.nominal is None and "order-below-nominal" not in kinds(found)
-    assert found.measures.knob == "tolerance"
+    assert found.knob == "tolerance"
 
 
 def test_a_summary_never_says_that_a_consistent_motion_exceeds_its_tolerance() -> None:

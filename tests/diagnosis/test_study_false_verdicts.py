@@ -1,7 +1,5 @@
 """Verdicts that were false on the bench, one test a class: right motions accused, wrong ones acquitted."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -152,7 +150,7 @@ def test_where_a_blow_up_begins() -> None:
 
     def grown(u: Any) -> Trajectory:
         u = np.asarray(u)[:, None]
-        return Trajectory(t=t, q=u, u=u, coordinates=("x",), speeds=("x",))
+        return Trajectory(t=t, q=u, u=u, coordinates=("x",), speeds=("x",))  # type: ignore[arg-type]
 
     away = np.where(np.arange(60) < 50, 1.0, 1e3 ** (np.arange(60) - 49.0))
     assert len(before_blow_up(grown(away))) == 51  # 1e3 times as fast as usual is the last

@@ -14,7 +14,7 @@ from deltac.errors import InputError
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from deltac.recorders import integrator_names  # noqa: E402
-from deltac.recorders.mujoco_recorder import ORDERS  # noqa: E402
+from deltac.recorders.mujoco_recorder import MUJOCO_ORDERS  # noqa: E402
 from tests.support.slow import repeated  # noqa: E402
 from tests.systems.mujoco_models import ARM, HOPPER, model_of  # noqa: E402
 
@@ -28,7 +28,7 @@ def start(model: Any) -> Any:
 @pytest.mark.parametrize("name", repeated(integrator_names(), "euler", "rk4"))
 def test_every_integrator_shows_its_order(name: str) -> None:
     """In the state to ± 0.15, of ΔC between p and p + 1: smooth forces, no controls."""
-    model, order = model_of(ARM), ORDERS[name]
+    model, order = model_of(ARM), MUJOCO_ORDERS[name]
     h = 1e-2 if order > 1 else 2e-3
     found = dc.study(model, start(model), 0.4, (h, h / 2, h / 4), f"mujoco:{name}")
     assert found.nominal == order

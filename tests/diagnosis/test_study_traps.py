@@ -3,8 +3,6 @@
 Nothing is known of these runs but states, sometimes accelerations and forces: the hard case.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -37,7 +35,7 @@ def log(run: Trajectory, udot: bool = False, step: bool = True) -> Trajectory:
 def samples(step: float, q: Any, u: Any, udot: Any = None, **forces: Any) -> Trajectory:
     q, u = (np.asarray(x, dtype=float)[:, None] for x in (q, u))
     return Trajectory(
-        t=step * np.arange(len(q)),
+        t=step * np.arange(len(q), dtype=float),
         q=q,
         u=u,
         udot=None if udot is None else np.asarray(udot, dtype=float)[:, None],

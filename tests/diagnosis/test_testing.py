@@ -1,7 +1,5 @@
 """`deltac.testing`: the assertion and the pytest plugin."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import re
@@ -115,7 +113,7 @@ def test_equations_are_asserted() -> None:
     assert assert_equations(problem, problem.equations).exit_code == 0
     mistaken = dc.problems.load("triple-pendulum", mistake=True).equations
     with pytest.raises(AssertionError, match="^equation-error: the residual is .* > 1.5e-8 of an"):
-        assert_equations(problem, mistaken)
+        assert_equations(problem, mistaken)  # type: ignore[arg-type]
 
 
 def test_convergence_is_asserted() -> None:

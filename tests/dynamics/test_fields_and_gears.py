@@ -1,7 +1,5 @@
 """Force fields and gears against closed forms."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import numpy as np
@@ -16,7 +14,9 @@ GM = 3.986004418e14
 
 def particle(*forces: object, mass: float = 2.0) -> dc.Mechanism:
     return dc.Mechanism(
-        [dc.bodies.sphere("ball", mass, 0.1)], [dc.free("base", "ball")], list(forces)
+        [dc.bodies.sphere("ball", mass, 0.1)],
+        [dc.free("base", "ball")],
+        list(forces),  # type: ignore[arg-type]
     )
 
 

@@ -1,7 +1,5 @@
 """Gaps between shapes: against nearest points found by search, and their rate against the motion."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -34,7 +32,10 @@ MAKERS: dict[type[Shape], Callable[[str], Shape]] = {
     Sphere: lambda body: shapes.sphere(body, "r", (0.1, 0, 0)),
     Capsule: lambda body: shapes.capsule(body, 0.15, 0.8, (1, 2, 3), (0, 0.1, 0)),
     Box: lambda body: shapes.box(
-        body, (0.6, 0.5, 0.7), (0, 0, 0.1), [[0, -1, 0], [0.6, 0, -0.8], [0.8, 0, 0.6]]
+        body,
+        (0.6, 0.5, 0.7),
+        (0, 0, 0.1),
+        [[0, -1, 0], [0.6, 0, -0.8], [0.8, 0, 0.6]],  # type: ignore[arg-type]
     ),
     HalfSpace: lambda body: shapes.half_space(body, (1, 1, 0.5), (0, 0, 0.2)),
 }

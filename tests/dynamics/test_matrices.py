@@ -1,7 +1,5 @@
 """The theory's matrices: their identities on random mechanisms, closed forms, reactions by other means."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -242,7 +240,9 @@ def test_the_drive_read_as_an_applied_force_and_as_a_multiplier() -> None:
     assert outside == pytest.approx(-torque * omega[0], rel=1e-11)
     assert omega @ F_D - outside == pytest.approx(torque * omega[0], rel=1e-11)
     M1 = np.array([torque, 0.0, 0.0])  # (3.2.15): part of F̂_D and of F̂
-    assert b_thesis @ (F + M1 + F_star) == pytest.approx(0.0, abs=1e-11 * abs(outside))  # (3.2.35)
+    assert b_thesis @ (F + M1 + F_star) == pytest.approx(
+        0.0, abs=float(1e-11 * abs(outside))
+    )  # (3.2.35)
     assert omega @ (F_D + M1) == pytest.approx(torque * omega[0], rel=1e-13)  # (3.2.36)
 
 

@@ -37,7 +37,7 @@ def test_powers_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     """Powers at samples to the last bit; sums over them to rounding, since sums are cut with the blocks."""
     mechanism, run = logged()
     whole = dc.balance(mechanism, run, work="samples")
-    monkeypatch.setattr(sampled, "AT_ONCE", 40)
+    monkeypatch.setattr(sampled, "BLOCK_STATES", 40)
     monkeypatch.setattr(quadrature, "ROWS_AT_ONCE", 40)
     small = dc.balance(mechanism, run, work="samples")
     scale = whole.energy_exchanged

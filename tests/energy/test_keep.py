@@ -1,7 +1,5 @@
 """Ledgers that keep some rows: the same numbers as one of all rows, whichever way they are found."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -12,7 +10,7 @@ import pytest
 import deltac as dc
 from deltac.arrays import EPS
 from deltac.energy import one_pass
-from deltac.energy.one_pass import PART, ROWS
+from deltac.energy.one_pass import PART, ROWS_A_BLOCK
 from deltac.errors import InputError
 
 GROUPS = ("potential", "power", "work", "work_error", "delta_c", "error_bar", "momentum")
@@ -34,7 +32,7 @@ def shaken(step: float, rows: int) -> tuple[dc.Mechanism, dc.Trajectory]:
     torque = 0.5 * udot - np.cos(q) * a + 2 * 9.81 * 0.5 * np.sin(q) + 0.1 * u
     force = np.stack([np.zeros(rows), 1.001 * torque], axis=1)
     run = dc.Trajectory(
-        t=t,
+        t=t,  # type: ignore[arg-type]
         q=np.stack([x, q], axis=1),
         u=np.stack([v, u], axis=1),
         udot=np.stack([a, udot], axis=1),
@@ -47,7 +45,9 @@ def shaken(step: float, rows: int) -> tuple[dc.Mechanism, dc.Trajectory]:
 
 # Rows of one block, of several, with a last block of next to nothing; steps with which powers at samples
 # do and do not suffice.
-@pytest.mark.parametrize("rows", [1001, ROWS + 2, 3 * ROWS + 1, 3 * ROWS + 700])
+@pytest.mark.parametrize(
+    "rows", [1001, ROWS_A_BLOCK + 2, 3 * ROWS_A_BLOCK + 1, 3 * ROWS_A_BLOCK + 700]
+)
 @pytest.mark.parametrize("step", [2e-4, 0.05])
 @pytest.mark.parametrize("keep", [1, 60, 10**9])
 def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
@@ -56,7 +56,11 @@ def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
     some = dc.balance(mechanism, run, work="samples", keep=keep)
     at = np.searchsorted(run.t, some.t)
     assert some.t[0] == run.t[0] and some.t[-1] == run.t[-1]
-    assert min(keep, rows) <= len(at) <= max(2 * keep, rows / PART * 2) + rows / ROWS + 3 + 4 * 4
+    assert (
+        min(keep, rows)
+        <= len(at)
+        <= max(2 * keep, rows / PART * 2) + rows / ROWS_A_BLOCK + 3 + 4 * 4
+    )
     assert some.rule == full.rule
     expected = full.at(at)
     size = full.energy_exchanged + float(np.abs(full.potential_energy).max())
@@ -76,7 +80,7 @@ def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
 
 
 def test_bits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    mechanism, run = shaken(2e-4, 3 * ROWS + 700)
+    mechanism, run = shaken(2e-4, 3 * ROWS_A_BLOCK + 700)
     ledgers = []
     for threads in ("1", "3"):
         monkeypatch.setenv("DELTAC_THREADS", threads)
@@ -88,10 +92,10 @@ def test_bits_do_not_depend_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_all_rows_of_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = 3 * ROWS + 700
+    rows = 3 * ROWS_A_BLOCK + 700
     mechanism, run = shaken(2e-4, rows)
     known = dc.balance(mechanism, run, work="samples")
-    monkeypatch.setattr(one_pass, "LONG", rows)
+    monkeypatch.setattr(one_pass, "LONG_RUN", rows)
     ledgers = []
     for threads in ("1", "3"):
         monkeypatch.setenv("DELTAC_THREADS", threads)
@@ -138,11 +142,11 @@ def test_energy_through_springs_counts_no_more_than_their_work() -> None:
         [dc.prismatic("slide", "ground", "bob", "x")],
         [dc.forces.joint_spring("spring", "slide", stiffness=8.0)],
     )
-    rows, step, omega = 3 * ROWS + 1, 1e-3, 2.0
+    rows, step, omega = 3 * ROWS_A_BLOCK + 1, 1e-3, 2.0
     t = step * np.arange(rows)
     q, u, udot = np.cos(omega * t), -omega * np.sin(omega * t), -(omega**2) * np.cos(omega * t)
     run = dc.Trajectory(
-        t=t,
+        t=t,  # type: ignore[arg-type]
         q=q[:, None],
         u=u[:, None],
         udot=udot[:, None],

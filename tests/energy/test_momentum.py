@@ -1,7 +1,5 @@
 """Momentum balances: what no force touches is kept, what a force touches changes by its impulse."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -290,7 +288,7 @@ def pushed(rows: int = 400, step: float = 5e-3) -> tuple[dc.Mechanism, dc.Trajec
     u = 0.3 + np.concatenate([[0.0], np.cumsum(force[:-1] / 2.0 * step)])
     q = np.concatenate([[0.0], np.cumsum(u[:-1] * step + force[:-1] / 4.0 * step**2)])
     log = dc.Trajectory(
-        t=t, q=q[:, None], u=u[:, None], forces={"actuator motor": force[:, None]},
+        t=t, q=q[:, None], u=u[:, None], forces={"actuator motor": force[:, None]},  # type: ignore[arg-type]
         coordinates=("slide",), speeds=("slide",), provenance=dc.Provenance("own loop", step=step),
     )  # fmt: skip
     return mechanism, log

@@ -51,7 +51,7 @@ def reference(t: float) -> Array:
     return np.array([np.sin(3 * t) ** 3 / 3, second])
 
 
-@pytest.mark.parametrize(("window", "order"), quadrature.ORDERS.items())
+@pytest.mark.parametrize(("window", "order"), quadrature.HERMITE_ORDERS.items())
 def test_order_of_the_interpolation(window: int, order: int) -> None:
     """Cubic and heptic Hermite interpolation: order 4 and 8 at least."""
     errors = []
@@ -67,7 +67,7 @@ def test_windows_reproduce_the_polynomials_they_should() -> None:
     t = np.array([0.0, 0.3, 0.4, 0.9, 1.0, 1.7])
     y, dy = (t**3 - t)[:, None], (3 * t**2 - 1)[:, None]
     samples = Samples(t, {"y": Smooth(y, lambda: dy)}, {}, {})
-    for window in quadrature.ORDERS:
+    for window in quadrature.HERMITE_ORDERS:
         found = cumulated(samples, lambda t, b: b.values["y"] * b.rates["y"], window)[:, 0]
         np.testing.assert_allclose(found, y[:, 0] ** 2 / 2, atol=1e-14)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from deltac.energy.sampling.quadrature import EvenSums
-from deltac.energy.sampling.running import AHEAD, REACH, Running
+from deltac.energy.sampling.running import REACH, ROWS_AHEAD, Running
 
 ROWS, FIRST = 144, 64
 
@@ -30,7 +30,7 @@ def test_the_integrals_of_windows(columns: int) -> None:
 
     error = (fine[:, ::2] - half)[:, FIRST // 2 :]
     error -= error[:, :1].copy()
-    seen = (places[:-1] + AHEAD + 1) // 2
+    seen = (places[:-1] + ROWS_AHEAD + 1) // 2
     most, least = running.reached(places[:-1])
     np.testing.assert_allclose(most, np.maximum.accumulate(error, axis=1)[:, seen].T, atol=1e-12)
     np.testing.assert_allclose(least, np.minimum.accumulate(error, axis=1)[:, seen].T, atol=1e-12)

@@ -105,6 +105,35 @@ def test_rounding_of_energies_at_rest_is_resolved() -> None:
     assert "predicted" not in found.explain()
 
 
+def test_a_body_that_has_settled_tells_nothing_of_an_integrator() -> None:
+    """It sinks by roundings of its height; weight and floor exchange more than it has, and no step helps."""
+    ball = dc.Mechanism(
+        [dc.point_mass("ball", 2.0)],
+        [dc.prismatic("z", "ground", "ball", "z")],
+        gravity=(0, 0, -9.80665),
+    )
+    t = np.linspace(0.0, 0.8, 401)
+    sink = 1e-13 * np.exp(-t / 0.2)[:, None]
+    log = dc.Trajectory(
+        t=t,
+        q=0.3 + sink,
+        u=-1.1 * sink / 0.2,
+        udot=sink / 0.2**2,
+        forces={"contact floor": 2.0 * (9.80665 + sink / 0.2**2)},
+        coordinates=("z",),
+        speeds=("z",),
+    )
+    found = dc.audit(ball, log)
+    assert found.ledger.energy_exchanged > found.ledger.reference_energy
+    assert found.verdict.kind == "unresolved"
+    assert "almost nothing moves" in [f.what for f in found.findings]
+    assert "predicted" not in found.explain() and "smaller" not in found.explain()
+    heavy = replace(
+        ball, bodies=(dc.point_mass("ball", 2.5),)
+    )  # its weight is not what the floor bears
+    assert dc.audit(heavy, log).verdict.kind == "equation-error"
+
+
 @pytest.mark.parametrize(
     "solver", ["ode4", "ode5", "DOP853", "implicit-midpoint", "CVODES", "IDAS"]
 )

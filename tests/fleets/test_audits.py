@@ -1,7 +1,5 @@
 """Many logs, and logs of many episodes: every one accounted for, by the verdict of its own audit."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -18,7 +16,7 @@ import deltac as dc
 from deltac.errors import FileError, InputError
 from deltac.fleets.audits import find_logs
 from deltac.fleets.result import fleet_status
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 from tests.support.commands import command
 
 NAME = "double-pendulum"
@@ -161,7 +159,7 @@ def batched(folder: Path, motions: list[dc.Trajectory], layout: str) -> Path:
         "qvel": np.stack([run.u for run in motions], axis=1),
     }
     if layout == "npz":
-        np.savez(path, **arrays)
+        np.savez(path, **arrays)  # type: ignore[arg-type]
     else:
         h5py = pytest.importorskip("h5py")
         with h5py.File(path, "w") as file:
@@ -205,7 +203,7 @@ def test_a_verdict_for_each_episode(
     # To the last bit: a single audit with the same compiled equations.
     for row, run in zip(found.frame.iter_rows(named=True), [*motions, coarse]):
         columns = {name: getattr(run, name) for name in ("t", "q", "u", "coordinates", "speeds")}
-        with compiled():
+        with compiled_rows():
             alone = dc.audit(NAME, dc.Trajectory(**columns))
         told = (row["verdict"], row["confidence"], row["relative"], row["energy"], row["message"])
         verdict = alone.verdict
@@ -229,7 +227,7 @@ def test_arrays_that_are_no_episodes_say_why(motions: list[dc.Trajectory], tmp_p
     cases = {"time first": turned, "numbers N": {"qpos": q, "qvel": u[:, :3]}}
     for words, arrays in cases.items():
         path = tmp_path / "log.npz"
-        np.savez(path, t=motions[0].t, **arrays)
+        np.savez(path, t=motions[0].t, **arrays)  # type: ignore[arg-type]
         plan = plan_audits(NAME, path)
         assert [log.episode for log in plan.logs] == [None]
         (row,) = verdicts(plan.task, str(path), [None])

@@ -1,7 +1,5 @@
 """Logs in an object store: moto's S3 server, by s3fs, as a bucket of Amazon's would be read."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -63,7 +61,7 @@ def test_a_bucket_of_logs(store: Any, tmp_path: Path) -> None:
         "qpos": np.stack([m.q for m in motions], axis=1),
         "qvel": np.stack([m.u for m in motions], axis=1),
     }
-    np.savez(tmp_path / "batch.npz", **arrays)
+    np.savez(tmp_path / "batch.npz", **arrays)  # type: ignore[arg-type]
     store.put_file(str(tmp_path / "batch.npz"), "lab/batch.npz")
     logs = ["s3://lab/runs/*.parquet", "s3://lab/gone.parquet", "s3://lab/batch.npz"]
     # Processes that know the environment of now.

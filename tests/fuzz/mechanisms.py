@@ -12,8 +12,6 @@ must find that these accelerations need no forces, but for the rounding that the
 "apart" is a failure.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import argparse
@@ -42,7 +40,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import INACCURATE as LOOSE
 from deltac.simulation.arguments import IllConditionedWarning, check_accelerations
 from deltac.simulation.constraints.feasibility import constraint_start
-from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.flow import StateFlow, build_flow
 from deltac.simulation.solvers import find_solver
 from tests.dynamics.test_against_simulators import IN_PINOCCHIO, PLAIN, in_pinocchio, to_pinocchio
 from tests.systems.constrained_mechanisms import tied
@@ -85,7 +83,7 @@ def extreme(mechanism: Mechanism, rng: np.random.Generator, decades: float) -> M
                 body,
                 mass=body.mass * m,
                 mass_centre=tuple(c * size for c in body.mass_centre),
-                inertia=tuple(tuple(e * (m * size**2) for e in row) for row in body.inertia),
+                inertia=tuple(tuple(e * (m * size**2) for e in row) for row in body.inertia),  # type: ignore[arg-type]
             )
         )
     joints = [
@@ -102,11 +100,11 @@ class Structure:
         parts = ("body.", "joint.")
         known = sample.mechanism.numbers.items()
         self.names = tuple(n for n, value in known if n.startswith(parts) and value)
-        self.flows: dict[tuple[int, ...], tuple[Flow, ca.Function, ca.Function]] = {}
+        self.flows: dict[tuple[int, ...], tuple[StateFlow, ca.Function, ca.Function]] = {}
 
     def written(
         self, mechanism: Mechanism, rows: tuple[int, ...]
-    ) -> tuple[Flow, ca.Function, ca.Function]:
+    ) -> tuple[StateFlow, ca.Function, ca.Function]:
         """ẋ and M as functions of (t, x, inputs, p)."""
         if rows not in self.flows:
             flow = build_flow(mechanism, (), vary=self.names, rows=rows, works=False)
@@ -244,7 +242,7 @@ def resized(kind: str, sample: Sample, rng: np.random.Generator, decades: float)
     for b in sample.mechanism.bodies:
         m = power(rng, decades)
         inertia = tuple(tuple(e * m for e in row) for row in b.inertia)
-        bodies.append(replace(b, mass=b.mass * m, inertia=inertia))
+        bodies.append(replace(b, mass=b.mass * m, inertia=inertia))  # type: ignore[arg-type]
     return replace(sample, mechanism=replace(sample.mechanism, bodies=tuple(bodies)))
 
 

@@ -17,7 +17,7 @@ import pytest
 from deltac.errors import InputError
 from deltac.foreign.files import appearing
 from deltac.kernels import CacheWarning, cache, cache_info, clear_cache, compiled, verify_cache
-from deltac.kernels.cache import LIMIT
+from deltac.kernels.cache import CACHE_BYTES
 
 needs_llvm = pytest.mark.heyoka
 
@@ -267,7 +267,7 @@ def test_code_of_another_version_has_another_name(
 def test_what_was_used_longest_ago_goes_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 4000)
+    monkeypatch.setattr("deltac.kernels.cache.CACHE_BYTES", 4000)
     monkeypatch.setattr("deltac.kernels.cache.KEPT", 3000)
     for k in range(4):
         compiled(f"{k}", lambda: bytes(900), tmp_path)
@@ -335,7 +335,7 @@ def test_info_and_clear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     info = cache_info()
     written = sum(f.stat().st_size for f in tmp_path.glob("*.kernel"))
     assert (info.path, info.enabled, info.writable) == (tmp_path, True, True)
-    assert (info.entries, info.limit_bytes) == (1, LIMIT)
+    assert (info.entries, info.limit_bytes) == (1, CACHE_BYTES)
     assert info.size_bytes == written > 0
     clear_cache()
     assert cache_info().size_bytes == 0
@@ -370,7 +370,7 @@ def test_other_files_in_the_folder_stay(tmp_path: Path, monkeypatch: pytest.Monk
     for file in others:
         file.write_text("a user's")
         os.utime(file, (1e9, 1e9))
-    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 10)
+    monkeypatch.setattr("deltac.kernels.cache.CACHE_BYTES", 10)
     compiled("anything", lambda: 1, tmp_path)
     monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path))
     assert cache_info().entries <= 1
@@ -381,7 +381,7 @@ def test_other_files_in_the_folder_stay(tmp_path: Path, monkeypatch: pytest.Monk
 def test_an_entry_that_cannot_be_removed_does_not_lift_the_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deltac.kernels.cache.LIMIT", 4000)
+    monkeypatch.setattr("deltac.kernels.cache.CACHE_BYTES", 4000)
     monkeypatch.setattr("deltac.kernels.cache.KEPT", 3000)
     stuck = tmp_path / f"{0:040x}.kernel"
     stuck.mkdir()  # no file, so that it cannot be unlinked

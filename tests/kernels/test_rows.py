@@ -8,7 +8,7 @@ import pytest
 
 from deltac.arrays import EPS
 from deltac.kernels import evaluator_name, rows
-from deltac.kernels.rows import Expression, at_rows, compiled
+from deltac.kernels.rows import RowExpression, at_rows, compiled_rows
 
 LONG_SUM = 30
 """Terms of an expression that is long, here: real ones take seconds to compile."""
@@ -16,18 +16,18 @@ LONG_SUM = 30
 
 @pytest.fixture(autouse=True)
 def _hundreds_of_instructions_are_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "LONG", 600)
+    monkeypatch.setattr(rows, "LONG_CODE", 600)
 
 
 T = 37  # no multiple of a vector's width
 
 
-def _expression(terms: int, *, often: bool) -> tuple[Expression, tuple[np.ndarray, ...]]:
+def _expression(terms: int, *, often: bool) -> tuple[RowExpression, tuple[np.ndarray, ...]]:
     """Σ over `terms` of sines, among columns that are constants, inputs, or empty."""
     t, x, none = ca.SX.sym("t"), ca.SX.sym("x", 3), ca.SX(0, 1)
     wave = sum(ca.sin(x + k) * (k + 1) for k in range(terms))
     inputs = {"t": t, "x": x, "none": none}
-    made = Expression("e", inputs, wave, ca.SX.ones(400), ca.vertcat(t, x[1], 0), often=often)
+    made = RowExpression("e", inputs, wave, ca.SX.ones(400), ca.vertcat(t, x[1], 0), often=often)
     rng = np.random.default_rng(1)
     return made, (rng.random(T), rng.random((T, 3)), np.empty((T, 0)))
 
@@ -37,7 +37,7 @@ def test_both_ways_agree(terms: int, often: bool) -> None:
     expression, columns = _expression(terms, often=often)
     expected = at_rows(expression.function, columns)
     found = expression(*columns)
-    with compiled():
+    with compiled_rows():
         others = expression(*columns)
     bound = 8 * EPS * terms**2  # of a sum of so many sines, weighted by up to their number
     for one in (found, others):
@@ -53,7 +53,7 @@ def test_the_choice_is_the_expressions_own() -> None:
         expression(*columns)
         assert ("kernel" in vars(expression)) == (llvm and often and terms > 3)
         first = expression(*columns)
-        with compiled():
+        with compiled_rows():
             expression(*columns)
         for a, b in zip(first, expression(*columns), strict=True):
             np.testing.assert_array_equal(a, b)

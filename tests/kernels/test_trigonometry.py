@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from deltac.kernels import Kernel
-from deltac.kernels.lowering import HALF_PI, LARGEST, cosine, sine
+from deltac.kernels.lowering import HALF_PI, LARGEST_ANGLE, cosine, sine
 
 Array = NDArray[np.float64]
 EPS = np.finfo(float).eps
@@ -41,14 +41,14 @@ def compiled(x: Array) -> Array:
 
 @pytest.mark.heyoka
 def test_compiled_within_units_of_the_last_place() -> None:
-    x = angles(0.99 * LARGEST)
+    x = angles(0.99 * LARGEST_ANGLE)
     for found, expected in zip(compiled(x), exact(x)):
         assert np.abs(found - expected).max() <= UNITS * EPS / 2
         assert (np.abs(found - expected) <= UNITS * np.spacing(np.abs(expected))).all()
 
 
 def test_where_nothing_is_fused_within_the_rounding_of_the_angle() -> None:
-    x = angles(0.99 * LARGEST)
+    x = angles(0.99 * LARGEST_ANGLE)
     for function, expected in zip((sine, cosine), exact(x)):
         found = function(x, np.where, np.less)
         assert (np.abs(found - expected) <= UNITS * EPS / 2 + np.abs(x) * EPS).all()

@@ -1,7 +1,5 @@
 """Constructors called in a wrong way: the message names the argument, and what is close to it."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import inspect
@@ -48,19 +46,19 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: dc.rod("a", 1, 1, "x", (0, 0, 0), 5), "rod: too many positional arguments"),  # type: ignore[call-arg]
     (
-        lambda: dc.revolute("j", "ground", ARM),
+        lambda: dc.revolute("j", "ground", ARM),  # type: ignore[arg-type]
         "joint 'j': .* expected the name of a body; write 'arm'",
     ),  # type: ignore[arg-type]
     (
-        lambda: arm(forces=[dc.forces.spring_damper("s", ARM, "ground")]),
+        lambda: arm(forces=[dc.forces.spring_damper("s", ARM, "ground")]),  # type: ignore[arg-type]
         "spring-damper 's': .*write 'arm'",
     ),  # type: ignore[arg-type]
     (
-        lambda: arm(forces=[dc.forces.joint_damper("d", HINGE, 1)]),
+        lambda: arm(forces=[dc.forces.joint_damper("d", HINGE, 1)]),  # type: ignore[arg-type]
         "joint damper 'd': .*write 'hinge'",
     ),  # type: ignore[arg-type]
     (
-        lambda: arm(events=[dc.events.joint_stop("s", HINGE, upper=1)]),
+        lambda: arm(events=[dc.events.joint_stop("s", HINGE, upper=1)]),  # type: ignore[arg-type]
         "joint stop 's': .*write 'hinge'",
     ),  # type: ignore[arg-type]
     (
@@ -68,7 +66,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
         r"forces of the mechanism: found joint 'hinge', expected what deltac",
     ),
     (
-        lambda: dc.Mechanism(ARM, [HINGE]),
+        lambda: dc.Mechanism(ARM, [HINGE]),  # type: ignore[arg-type]
         "bodies of the mechanism: found body 'arm', expected a sequence",
     ),  # type: ignore[arg-type]
     (lambda: arm(parameters=[1.0]), r"parameters: found \[1.0\], expected values by name"),

@@ -1,7 +1,5 @@
 """Friction and contact that make no sense are refused, with the part, the value and the remedy."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from typing import Any
@@ -37,10 +35,10 @@ def machine(*forces: Any, **parameters: float) -> Mechanism:
     [
         (lambda: contact("c", BALL, FLOOR, -1.0), r"stiffness of contact 'c': found -1, expected"),
         (
-            lambda: contact("c", BALL, FLOOR, 1.0, model="magic"),
+            lambda: contact("c", BALL, FLOOR, 1.0, model="magic"),  # type: ignore[arg-type]
             r"model of contact 'c': found 'magic'",
         ),
-        (lambda: contact("c", BALL, "floor", 1.0), r"contact 'c': expected a shape such as"),
+        (lambda: contact("c", BALL, "floor", 1.0), r"contact 'c': expected a shape such as"),  # type: ignore[arg-type]
         (lambda: contact("c", BALL, shapes.point("ball"), 1.0), r"both shapes belong to 'ball'"),
         (lambda: contact(" c", BALL, FLOOR, 1.0), r"needs a name without surrounding blanks"),
         (lambda: contact("c", BALL, FLOOR, 1.0, deepest=-1), r"deepest of contact 'c': found -1"),

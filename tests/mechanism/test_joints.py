@@ -1,7 +1,5 @@
 """Joints: their coordinates and speeds, and what they refuse."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -133,7 +131,7 @@ def test_quaternions_place_a_joint_as_matrices_do() -> None:
             ["rotation of joint 'hip'", "length 2", "expected 1"],
         ),
         (
-            lambda: revolute("hip", "ground", "a", rotation=3.0),
+            lambda: revolute("hip", "ground", "a", rotation=3.0),  # type: ignore[arg-type]
             ["rotation of joint 'hip'", "3 by 3", "quaternion"],
         ),
         (lambda: screw("hip", "ground", "a", pitch=NAN), ["pitch of joint 'hip'", "nan"]),

@@ -1,7 +1,5 @@
 """Descriptions that make no mechanism: every message names the part, the mistake and the remedy."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from typing import Any
@@ -74,7 +72,7 @@ def test_joints_that_make_no_tree(joints: list[Any], words: list[str]) -> None:
             ["mass of body 'upper'", "-1", "positive"],
         ),
         (
-            {"bodies": [body("upper", 1, ["p", 1, 1]), B], "parameters": {"p": 3}},
+            {"bodies": [body("upper", 1, ["p", 1, 1]), B], "parameters": {"p": 3}},  # type: ignore[arg-type]
             ["'upper'", "triangle"],
         ),
         (
@@ -139,7 +137,7 @@ def test_forces_that_do_not_fit(force: Any, words: list[str]) -> None:
         (lambda: joint_spring("s", "j"), ["'s'", "exactly one"]),
         (lambda: joint_spring("s", "j", 1, potential="q.j"), ["'s'", "exactly one"]),
         (lambda: joint_spring("s", "j", torque="sin(sin(q.j))"), ["'s'", "potential="]),
-        (lambda: point_force("f", "a", frame="bdy"), ["'f'", "'world' or 'body'", "'bdy'"]),
+        (lambda: point_force("f", "a", frame="bdy"), ["'f'", "'world' or 'body'", "'bdy'"]),  # type: ignore[arg-type]
         (lambda: joint_damper("", "j", 1), ["name", "''"]),
         (lambda: ChannelName.parse("dampr elbow"), ["'dampr'", "did you mean 'damper'"]),
         (lambda: ChannelName.parse("damper"), ["'damper'", "no element"]),

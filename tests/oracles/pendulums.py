@@ -1,7 +1,5 @@
 """Pendulums: Lagrange's equations by SymPy in other coordinates, and elliptic functions."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import math
@@ -111,7 +109,7 @@ def chaplygin_sleigh() -> Values:
         for at in (1, 5):
             values[f"speed of the blade at {at} s"] = float(2 * root * mpmath.tanh(k * at))
             values[f"ω at {at} s"] = float(2 * mpmath.sech(k * at))
-            values[f"angle at {at} s"] = float(heading(at))
+            values[f"angle at {at} s"] = float(heading(at))  # type: ignore[arg-type]
         for axis, part in (("x", mpmath.cos), ("y", mpmath.sin)):
             path = mpmath.quad(
                 lambda s, f=part: 2 * root * mpmath.tanh(k * s) * f(heading(s)), [0, 1]

@@ -1,7 +1,5 @@
 """Recording loops around Pinocchio: a driven arm, a floating base, a contact; a planted fault."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -95,7 +93,7 @@ def driven_arm(step: float, stages: bool = False) -> Trajectory:
     def stage(duration: float, t: float, q: Any, v: Any) -> None:
         if stages:
             damper = {"damper shoulder": [-DAMPING * v[0], 0.0]}
-            rec.stage(duration, q, v, tau=drive(t), forces=damper)
+            rec.stage(duration, q, v, tau=drive(t), forces=damper)  # type: ignore[arg-type]
 
     def torque(t: float, q: Any, v: Any) -> Any:
         return drive(t) - np.array([DAMPING, 0.0]) * v

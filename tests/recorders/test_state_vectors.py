@@ -1,7 +1,5 @@
 """Results of general ODE solvers as trajectories, and functions of (t, y) as equations."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from types import SimpleNamespace
@@ -125,9 +123,9 @@ def test_pairs_of_arrays_and_other_results(chain: dc.Mechanism) -> None:
     y = odeint(relative, START, t, tfirst=True, rtol=1e-10, atol=1e-10)
     diffrax = SimpleNamespace(ts=t, ys=y)
     for source in ((t, y), (t, y.T), [t[::-1], y[::-1]], diffrax):
-        run = dc.Trajectory.from_scipy(source, chain)
+        run = dc.Trajectory.from_scipy(source, chain)  # type: ignore[arg-type]
         assert run.q == pytest.approx(y[:, :2])
-        assert dc.audit(chain, source).relative < 1e-6
+        assert dc.audit(chain, source).relative < 1e-6  # type: ignore[arg-type]
 
 
 def test_prescribed_joints_follow_their_laws() -> None:
@@ -179,7 +177,7 @@ def test_states_that_do_not_fit(chain: dc.Mechanism) -> None:
         dc.audit(chain, (t, rng.standard_normal((20, 4))))
     assert raised.value.code == "E-LOG"
     with pytest.raises(dc.InputError) as raised:
-        dc.Trajectory.from_scipy(3.0, chain)
+        dc.Trajectory.from_scipy(3.0, chain)  # type: ignore[arg-type]
     assert raised.value.code == "E-TYPE"
     with pytest.raises(dc.InputError, match="ode"):
         dc.Equations(relative, form="dae")

@@ -13,9 +13,9 @@ import pytest
 import deltac as dc
 from deltac.report.page import document, html_of
 from deltac.report.page.geometry import coarser
-from deltac.report.page.parts import NUMBERS, Chapter, Page, Stretches
+from deltac.report.page.parts import PAGE_NUMBERS, Chapter, Page, Stretches
 from deltac.report.page.scene import scene
-from deltac.report.panels import POINTS, Line, TimePlot
+from deltac.report.panels import CURVE_POINTS, Line, TimePlot
 from deltac.results import Report, Table
 from tests.support.pages import data_of
 
@@ -94,9 +94,9 @@ def test_no_peak_is_lost() -> None:
     y = rng.normal(size=rows)
     peaks = rng.choice(rows, 50, replace=False)
     y[peaks] = 100.0 + np.arange(50)
-    cut = Stretches.of(np.arange(rows) / 1e3, POINTS)
+    cut = Stretches.of(np.arange(rows) / 1e3, CURVE_POINTS)
     drawn = cut.extremes(y)
-    assert len(drawn) == len(cut.t) == 2 * POINTS
+    assert len(drawn) == len(cut.t) == 2 * CURVE_POINTS
     stretch = np.searchsorted(cut.starts, np.arange(rows), "right") - 1
     pairs = drawn.reshape(-1, 2)
     assert np.all(pairs.max(axis=1)[stretch] >= y) and np.all(pairs.min(axis=1)[stretch] <= y)
@@ -129,7 +129,7 @@ def test_plots_of_few_curves_are_not_cut_for_those_of_many() -> None:
     points = sum(
         len(line[name]) for line in large["lines"] for name in line.keys() & {"y", "high", "low"}
     )
-    assert 0.9 * NUMBERS < points + 5 * len(t) <= NUMBERS
+    assert 0.9 * PAGE_NUMBERS < points + 5 * len(t) <= PAGE_NUMBERS
 
 
 def test_the_page_of_a_study(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import deltac as dc
 from deltac.report.files import check_figure, write_figure
-from deltac.report.panels import POINTS
+from deltac.report.panels import CURVE_POINTS
 from deltac.report.plots import DRAWN
 from deltac.report.style import WIDTH, thinned
 from deltac.results import Report, Shown
@@ -129,7 +129,7 @@ def test_a_peak_of_one_sample_is_drawn() -> None:
     y = np.sin(9.0 * t)
     y[54_321], y[777] = 5.0, -7.0
     few_t, few = thinned(t, y)
-    assert len(few) <= POINTS + 2 and np.all(np.diff(few_t) > 0)
+    assert len(few) <= CURVE_POINTS + 2 and np.all(np.diff(few_t) > 0)
     assert (few.max(), few.min()) == (5.0, -7.0)
     assert (few_t[0], few_t[-1]) == (0.0, 1.0)
     np.testing.assert_array_equal(few, y[np.searchsorted(t, few_t)])

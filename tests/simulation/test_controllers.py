@@ -1,7 +1,5 @@
 """Controllers: Python functions that set motors, held over a step or asked at every stage."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from functools import partial
@@ -52,7 +50,7 @@ def test_a_continuous_controller_is_a_law(solver: str) -> None:
     law = dc.simulate(ruled, ruled.state(START), 1.0, 0.01, solver)
     tolerance = 1e-12 if solver == "ode4" else 1e-7
     np.testing.assert_allclose(run.q, law.q, atol=tolerance)
-    np.testing.assert_allclose(run.udot, law.udot, atol=100 * tolerance)
+    np.testing.assert_allclose(run.udot, law.udot, atol=100 * tolerance)  # type: ignore[arg-type]
     for name, values in law.integrals.items():
         np.testing.assert_allclose(run.integrals[name], values, atol=20 * tolerance)
     expected = [list(np.hstack(list(answer(*row).values()))) for row in zip(run.t, run.q, run.u)]
@@ -83,7 +81,7 @@ def test_a_held_controller_is_a_constant_over_each_step() -> None:
         np.testing.assert_allclose(run.u[k + 1], step.u[-1], atol=1e-13)
         assert run.forces["actuator motor"][k, 0] == pytest.approx(held["motor"], abs=1e-13)
         state = free.state(run.q[k + 1], run.u[k + 1], (k + 1) * 0.02)
-    assert set(run.provenance.held) == {"actuator motor", "actuator fingers"}
+    assert set(run.provenance.held) == {"actuator motor", "actuator fingers"}  # type: ignore[arg-type]
 
 
 def test_a_held_controller_is_asked_once_a_step() -> None:

@@ -1,7 +1,5 @@
 """Where members may start, each by its own parameters; and what is refused, naming the first bad one."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -243,7 +241,7 @@ def test_what_is_no_member_and_no_trajectory() -> None:
     for k in (1.0, 3, "first"):
         with pytest.raises(dc.InputError, match="there are 3; expected a whole number from 0 to 2"):
             runs.member(k)  # type: ignore[arg-type]
-    assert len(runs.member(-1)) == 2 and len(runs.member(np.int64(2))) == 2
+    assert len(runs.member(-1)) == 2 and len(runs.member(np.int64(2))) == 2  # type: ignore[arg-type]
     for given, words in (
         (runs, r"found Ensemble; use ensemble.member\(k\)"),
         ("x.parquet", r"found 'x.parquet'; use deltac.read_trajectory\(file\)"),

@@ -1,7 +1,5 @@
 """Equations written by hand in place of the mechanism's own; coordinates of the user's own choice."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import math
@@ -186,7 +184,7 @@ def test_generalized_speeds_with_their_own_equation() -> None:
     s = run.t - 0.4
     np.testing.assert_allclose(run.q, np.stack([1 + 0.3 * s, 0.2 - 0.5 * s], 1), atol=1e-12)
     np.testing.assert_allclose(run.u, np.broadcast_to([0.3, -0.5], run.u.shape), atol=1e-13)
-    np.testing.assert_allclose(run.udot, 0.0, atol=1e-12)
+    np.testing.assert_allclose(run.udot, 0.0, atol=1e-12)  # type: ignore[arg-type]
 
 
 SLOPE = {"hinge": "q.s**3/3 + q.s"}

@@ -1,7 +1,5 @@
 """Fixed steps: fused calls, recording, runs that break down, unit quaternions, parameters kept."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import importlib
@@ -132,7 +130,7 @@ def test_a_run_that_breaks_down_keeps_what_it_has(
     # The state at step k is finite, but its acceleration need not be: then one row less is kept.
     # At step k the state is finite and its acceleration is not: the sample before it is the last.
     assert round(run.t[-1] / 0.01) == (k - 1) // every * every
-    assert np.isfinite(run.u).all() and np.isfinite(run.udot).all()
+    assert np.isfinite(run.u).all() and np.isfinite(run.udot).all()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("solver", ["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"])
@@ -216,7 +214,7 @@ def test_vary_needs_no_new_compilation_and_gives_the_same_numbers(compilations: 
     # Constants folded in change the order of roundings, over 100 steps.
     np.testing.assert_allclose(varied.q, folded.q, atol=1e-13)
     np.testing.assert_allclose(varied.u, folded.u, atol=1e-13)
-    np.testing.assert_allclose(varied.udot, folded.udot, atol=1e-12)
+    np.testing.assert_allclose(varied.udot, folded.udot, atol=1e-12)  # type: ignore[arg-type]
     np.testing.assert_allclose(varied.integrals["wang"], folded.integrals["wang"], atol=1e-13)
     assert np.abs(first.q - varied.q).max() > 0.1
 
@@ -259,7 +257,7 @@ def test_a_second_run_compiles_nothing(compilations: list[str]) -> None:
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: list[str]) -> None:
     """Three flows are kept, and the one that was not asked for longest goes first."""
     module = importlib.import_module("deltac.simulation.simulate")
-    monkeypatch.setattr(module, "_KEPT", LRUCache(3))
+    monkeypatch.setattr(module, "_RUNS", LRUCache(3))
 
     def compiled(length: float) -> bool:
         count = len(compilations)
@@ -270,7 +268,7 @@ def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: 
     assert [compiled(l) for l in (0.5, 0.6, 0.7)] == [True] * 3
     assert not compiled(0.5)  # used again, so 0.6 is now the oldest
     assert compiled(0.8)
-    assert len(module._KEPT) == 3
+    assert len(module._RUNS) == 3
     assert not compiled(0.5) and not compiled(0.7)
     assert compiled(0.6)
 

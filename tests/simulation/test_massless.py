@@ -1,7 +1,5 @@
 """Coordinates without inertia that constraints determine: a curve's parameter, of a bead on it."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -95,7 +93,7 @@ def test_the_cycloid_is_a_tautochrone_by_every_kind_of_solver(solver: str) -> No
 def test_no_scale_of_mass_or_length_costs_digits(a: float, mass: float) -> None:
     m, s, rate = bead(a, mass), 1.3, 0.7 * np.sqrt(G / a)
     here = dc.evaluate(m, at(m, s, rate))
-    exact = acceleration(a, s, rate)
+    exact = acceleration(a, s, rate)  # type: ignore[arg-type]
     np.testing.assert_allclose(here.udot, exact, rtol=1e-12)
     force = mass * (exact[:2] + [0.0, G])
     np.testing.assert_allclose(here.multipliers, force, rtol=1e-11)
@@ -120,7 +118,8 @@ def test_all_verbs_take_them() -> None:
     wrong = dc.check_equations(m, lambda t, q, u: equations(t, q, u) + [[1e-3], [0], [0]])
     assert wrong.verdict.kind == "equation-error"
     own = dc.Equations(
-        lambda t, q, u: equations(t, [0, 0, *q], [0, 0, *u])[2:], dc.CoordinateMap(("s",))
+        lambda t, q, u: equations(t, np.array([0, 0, *q]), np.array([0, 0, *u]))[2:],
+        dc.CoordinateMap(("s",)),
     )
     assert dc.check_equations(m, own).verdict.kind == "consistent"
     run = dc.simulate(m, state, 1.0, 1e-3, solver="DOP853")

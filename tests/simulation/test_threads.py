@@ -4,8 +4,6 @@ What `simulate` keeps between calls (traced flows, compiled kernels) is shared b
 a run must not be. The oracle is the same run alone in its process; nothing but equality will do.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -40,7 +38,7 @@ def started(problem: problems.Problem, k: int) -> dc.State:
 
 
 def columns(run: dc.Trajectory) -> tuple[np.ndarray, ...]:
-    return (run.t, run.q, run.u, run.udot, *run.integrals.values(), *run.forces.values())
+    return (run.t, run.q, run.u, run.udot, *run.integrals.values(), *run.forces.values())  # type: ignore[arg-type]
 
 
 ONE_OF_A_FAMILY = (

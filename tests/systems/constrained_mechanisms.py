@@ -18,7 +18,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 import deltac as dc
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
@@ -226,7 +226,7 @@ class Tied:
         return trace(self.sample.mechanism)
 
     @cached_property
-    def all_rows(self) -> Rows:
+    def all_rows(self) -> ConstraintRows:
         return equations_of(self.system).rows
 
     @cached_property

@@ -4,8 +4,6 @@ Each function returns what a user would have: the right model, and the equations
 fault in it. The threads that are named tell the story; sentences and code here are our own.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -196,7 +194,7 @@ def solver_residual_integrated() -> LogCase:
             if k + 1 < len(t):
                 u[k + 1] = u[k] + h * a[k]
                 q[k + 1] = q[k] + h * u[k + 1]
-        return dc.Trajectory(t=t, q=q, u=u, coordinates=("hinge",), speeds=("hinge",), udot=a,
+        return dc.Trajectory(t=t, q=q, u=u, coordinates=("hinge",), speeds=("hinge",), udot=a,  # type: ignore[arg-type]
             provenance=dc.Provenance("a solver that stops early", step=h),
         )  # fmt: skip
 
@@ -241,7 +239,7 @@ def sign_in_the_thesis() -> EquationsCase:
         right.mechanism,
         wrong.equations.rhs,
         right.equations.rhs,
-        right.equations.coordinates,
+        right.equations.coordinates,  # type: ignore[arg-type]
     )
 
 

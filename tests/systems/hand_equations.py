@@ -3,8 +3,6 @@
 A function of (t, q, u) each, with NumPy's functions only, for arrays (n,) and (n, B).
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -32,14 +30,14 @@ def triple_pendulum() -> Case:
     """Gugaratshan's thesis, (3.1.17)-(3.1.19), dampers included."""
     p = dc.problems.load("triple-pendulum", damping=(0.01, 0.02, 0.03))
     assert p.equations is not None
-    return Case(p.mechanism, p.equations.rhs, p.equations.coordinates)
+    return Case(p.mechanism, p.equations.rhs, p.equations.coordinates)  # type: ignore[arg-type]
 
 
 def driven_triple_pendulum() -> Case:
     """The same with the first bar's motion specified."""
     p = dc.problems.load("driven-triple-pendulum")
     assert p.equations is not None
-    return Case(p.mechanism, p.equations.rhs, p.equations.coordinates)
+    return Case(p.mechanism, p.equations.rhs, p.equations.coordinates)  # type: ignore[arg-type]
 
 
 def relative_triple_pendulum() -> Case:

@@ -1,7 +1,5 @@
 """Mechanisms that several test files run."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from typing import Any

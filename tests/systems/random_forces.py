@@ -1,7 +1,5 @@
 """Random force elements on a mechanism: one example of every kind that there is."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from typing import Any
@@ -128,11 +126,14 @@ def random_force(
                 other,
                 [law(), 1.0, law()],
                 rng.normal(size=3),
-                frame=str(rng.choice(["world", "body"])),
+                frame=str(rng.choice(["world", "body"])),  # type: ignore[arg-type]
             )
         case "moment":
             return point_force(
-                name, other, moment=[law(), "w_p", 0.0], frame=str(rng.choice(["world", "body"]))
+                name,
+                other,
+                moment=[law(), "w_p", 0.0],
+                frame=str(rng.choice(["world", "body"])),  # type: ignore[arg-type]
             )
         case "stream":
             laws = [f"0.4*vy*z - {law()}", "-0.3*(vx - 0.2*cos(t)*y)", "sin(x)*w_p + 0.1*vz"]
@@ -154,7 +155,12 @@ def random_force(
             more = [([(other, rng.normal(0, 1, 3)), (one, [2.0, "l_p", 0.0])], "l_p/2")]
             band = [float(end) for end in np.sort(rng.uniform(0, 4, 2))]
             return tendon(
-                name, path, branches=more, stiffness=["k_p", 0.4], damping=[0.3, 0.2], length=band
+                name,
+                path,
+                branches=more,  # type: ignore[arg-type]
+                stiffness=["k_p", 0.4],
+                damping=[0.3, 0.2],
+                length=band,
             )
         case "coupling":
             weights = {c: float(rng.normal()) for c in joint.coordinates}
@@ -169,7 +175,7 @@ def random_force(
             return gravity_compensation(name, {other: 0.7})
         case "joint friction":
             strengths = ["k_p*(2 + sin(t))", *[0.4] * 5][: len(joint.speeds)]
-            return joint_friction(name, joint.name, strengths, viscous=0.2, width=0.3)
+            return joint_friction(name, joint.name, strengths, viscous=0.2, width=0.3)  # type: ignore[arg-type]
         case "point friction":
             rubbing = friction_law(0.5, static=0.8, stribeck=0.5, viscous=0.1, width="l_p")
             point = rng.normal(0, 0.5, 3)

@@ -1,7 +1,5 @@
 """Units that a file declares beside its arrays: by column, by kind, or in no way that is clear."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -54,7 +52,7 @@ def as_npz(folder: Path, content: dict[str, Any]) -> Path:
     tables = {
         f"units.{k}": v for t in content.values() if isinstance(t, dict) for k, v in t.items()
     }
-    np.savez(folder / "log.npz", **flat, **tables)
+    np.savez(folder / "log.npz", **flat, **tables)  # type: ignore[arg-type]
     return folder / "log.npz"
 
 
@@ -188,7 +186,7 @@ def test_units_and_names_beside_arrays_of_episodes(tmp_path: Path, form: str) ->
     told = {"joint_names": [other, one], "units": ["s", "deg", "deg/s"]}
     log = tmp_path / f"log.{form}"
     if form == "npz":
-        np.savez(log, **arrays, **told)
+        np.savez(log, **arrays, **told)  # type: ignore[arg-type]
     else:
         h5py = pytest.importorskip("h5py")
         with h5py.File(log, "w") as file:

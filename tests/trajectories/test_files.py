@@ -1,7 +1,5 @@
 """Logs on disk: exact round trips, foreign files, and files that cannot be used."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -57,7 +55,7 @@ def trajectories(draw: st.DrawFn) -> Trajectory:
 
     positive = st.floats(min_value=0.0, exclude_min=True, allow_infinity=False)
     return Trajectory(
-        t=t,
+        t=t,  # type: ignore[arg-type]
         q=table(len(coordinates)),
         u=table(len(speeds)),
         udot=table(len(speeds)) if draw(st.booleans()) else None,

@@ -1,7 +1,5 @@
 """NPZ, HDF5 and MATLAB files of other programs, written here by those programs' own libraries."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import struct
@@ -40,7 +38,7 @@ ELBOW = {"time": T, "q.elbow": T**2, "u.elbow": 2 * T}
 
 def test_a_foreign_npz(tmp_path: Path) -> None:
     extra: Any = {"label": np.array("run 7"), "mass": 2.5}
-    np.savez_compressed(tmp_path / "log.npz", **ELBOW, **extra)
+    np.savez_compressed(tmp_path / "log.npz", **ELBOW, **extra)  # type: ignore[arg-type]
     run = read_trajectory(tmp_path / "log.npz")
     assert_elbow(run)
     assert run.provenance.ignored == ("label", "mass")
@@ -60,10 +58,10 @@ def test_an_npz_that_cannot_be_used(tmp_path: Path) -> None:
     np.savez(path, time=T, **{"q.elbow": np.array([{}, {}, {}]), "u.elbow": T})  # type: ignore
     with pytest.raises(InputError, match=r"log\.npz: 'q\.elbow' holds Python objects"):
         read_trajectory(path)
-    np.savez(path, **(ELBOW | {"u.elbow": T[:2]}))
+    np.savez(path, **(ELBOW | {"u.elbow": T[:2]}))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"'u\.elbow' has 2 values, 'time' has 3"):
         read_trajectory(path)
-    np.savez(path, **(ELBOW | {"u.elbow": np.array([0, np.nan, 1])}))
+    np.savez(path, **(ELBOW | {"u.elbow": np.array([0, np.nan, 1])}))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"'u\.elbow', row 1 \(of 0 to 2\), t = 0\.5 s: found nan"):
         read_trajectory(path)
     np.save(tmp_path / "one.npy", T)

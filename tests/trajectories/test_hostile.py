@@ -22,7 +22,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from deltac.errors import InputError
-from deltac.foreign.limits import SMALL, Limits, parse_json
+from deltac.foreign.limits import SMALL_FILE, Limits, parse_json
 from deltac.trajectories import Trajectory, read_trajectory, to_metadata
 from tests.support.hostile import outcome
 
@@ -373,7 +373,7 @@ def test_every_kind_of_variable_in_a_mat_file_is_read(
 # -- bombs: in a process with little memory ------------------------------------------------------
 
 
-BOMB = SMALL + 2**24
+BOMB = SMALL_FILE + 2**24
 """Bytes that are too many for a small file to unpack to."""
 
 

@@ -1,7 +1,5 @@
 """Logs without the columns of prescribed joints, beside the closed form of their laws."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -19,7 +17,7 @@ def driven(motion: object) -> dc.Mechanism:
     return dc.Mechanism(
         bodies=[dc.bodies.frame("cart"), dc.bodies.point_mass("bob", 0.2)],
         joints=[
-            dc.joints.prismatic("shake", "ground", "cart", "z", motion=motion),
+            dc.joints.prismatic("shake", "ground", "cart", "z", motion=motion),  # type: ignore[arg-type]
             dc.joints.revolute("swing", "cart", "bob", "y", child_position=(0, 0, 0.35)),
         ],
         gravity=(0, 0, -9.81),

@@ -1,7 +1,5 @@
 """Mapping files: other names, units, orders and signs, and what is wrong with them."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -100,18 +98,18 @@ def test_everything_a_mapping_can_say(tmp_path: Path) -> None:
     assert run.coordinates == MACHINE.coordinates.names and run.speeds == MACHINE.speeds.names
     # Conversions are a multiplication and an addition: a few roundings.
     near = {"rtol": 1e-14, "atol": 1e-14}
-    assert np.allclose(run.t, T, **near)
-    assert np.allclose(run.coordinate("elbow"), np.deg2rad(90.0 - 10.0 * T), **near)
-    assert np.allclose(run.coordinate("rail"), T, **near)
-    assert np.allclose(run.coordinate("crank"), np.pi / 6, **near)
-    assert np.allclose(run.coordinate("base.x"), T**2, **near)
+    assert np.allclose(run.t, T, **near)  # type: ignore[arg-type]
+    assert np.allclose(run.coordinate("elbow"), np.deg2rad(90.0 - 10.0 * T), **near)  # type: ignore[arg-type]
+    assert np.allclose(run.coordinate("rail"), T, **near)  # type: ignore[arg-type]
+    assert np.allclose(run.coordinate("crank"), np.pi / 6, **near)  # type: ignore[arg-type]
+    assert np.allclose(run.coordinate("base.x"), T**2, **near)  # type: ignore[arg-type]
     quaternion = [run.coordinate(f"base.q{c}")[0] for c in "wxyz"]
-    assert np.allclose(quaternion, [0.9, 0.1, 0.2, 0.3], **near)
-    assert np.allclose(run.speed("elbow"), (60.0 + T) * 2 * np.pi / 60, **near)  # rpm, by [units]
-    assert np.allclose(run.speed("rail"), 1.0, **near)
+    assert np.allclose(quaternion, [0.9, 0.1, 0.2, 0.3], **near)  # type: ignore[arg-type]
+    assert np.allclose(run.speed("elbow"), (60.0 + T) * 2 * np.pi / 60, **near)  # type: ignore[arg-type] # rpm, by [units]
+    assert np.allclose(run.speed("rail"), 1.0, **near)  # type: ignore[arg-type]
     ((channel, force),) = run.forces.items()
     assert channel == "actuator left motor"
-    assert np.allclose(force[:, run.speeds.index("elbow")], -0.5 * T, **near)
+    assert np.allclose(force[:, run.speeds.index("elbow")], -0.5 * T, **near)  # type: ignore[arg-type]
     assert np.count_nonzero(force.any(axis=0)) == 1
     assert run.provenance.simulator == "RigSim 3"
     assert run.provenance.ignored == ("temperature",)
@@ -255,8 +253,8 @@ def test_nan_in_a_column_is_named_by_its_schema_column(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"'q\.rail', row 3 .*found nan"
     ):  # to the end: it diverged
-        full(tmp_path, **{"x [mm]": np.array([0, 1, 2, np.nan, np.nan])})
-    run = full(tmp_path, **{"x [mm]": np.array([0, 1, np.nan, 3, 4])})  # a lost sample
+        full(tmp_path, **{"x [mm]": np.array([0, 1, 2, np.nan, np.nan])})  # type: ignore[arg-type]
+    run = full(tmp_path, **{"x [mm]": np.array([0, 1, np.nan, 3, 4])})  # type: ignore[arg-type] # a lost sample
     assert run.t.tolist() == [0.0, 0.25, 0.75, 1.0]
     assert run.provenance.notes["left out"].startswith("1 of 5 rows, row 2 the first")
     with pytest.raises(InputError, match=r"'time', row 2 .*found 0\.25 after 0\.25"):

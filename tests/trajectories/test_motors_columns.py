@@ -1,7 +1,5 @@
 """How people name the forces of motors, units in names, and times in JSON: read as they are, or guessed."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import json
@@ -108,7 +106,7 @@ def test_columns_of_records_that_never_change(tmp_path: Path, stamp: dict[str, A
 def test_commands_are_only_guessed(tmp_path: Path, key: str) -> None:
     """A motor may have a gear: so a command is a force in a draft alone."""
     path, draft = tmp_path / "run.npz", tmp_path / "map.toml"
-    np.savez(path, t=T, q=Q, qd=U, **{key: TAU[:, None]})
+    np.savez(path, t=T, q=Q, qd=U, **{key: TAU[:, None]})  # type: ignore[arg-type]
     assert "actuator lift" not in dc.read_trajectory(path, None, ARM).forces
     with pytest.raises(InputError, match=r'\[forces."actuator lift"\]'):
         dc.audit(ARM, path)
@@ -137,4 +135,4 @@ def test_the_model_is_taken_by_place_and_by_name(tmp_path: Path) -> None:
     ):
         assert np.array_equal(run.q, whole.q) and run.coordinates == whole.coordinates
     with pytest.raises(InputError, match="found int"):
-        dc.read_trajectory(path, model=3)
+        dc.read_trajectory(path, model=3)  # type: ignore[arg-type]

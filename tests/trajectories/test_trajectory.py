@@ -1,7 +1,5 @@
 """Construction, validation and views of a Trajectory."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import copy
@@ -39,7 +37,7 @@ def make(rows: int = 5, **changes: Any) -> Trajectory:
 def test_arrays_are_copied_converted_and_read_only() -> None:
     t = np.arange(3, dtype=np.int32)
     q = np.ones((3, 1), dtype=np.float32)
-    run = Trajectory(t=t, q=q, u=[[1], [2], [3]], coordinates=("x",), speeds=("x",))
+    run = Trajectory(t=t, q=q, u=[[1], [2], [3]], coordinates=("x",), speeds=("x",))  # type: ignore[arg-type]
     t[0], q[0] = 7, 7.0
     assert run.t[0] == 0.0 and run.q[0, 0] == 1.0
     for array in (run.t, run.q, run.u):
@@ -108,7 +106,7 @@ def test_clones_are_equal_and_still_read_only(clone: Any) -> None:
 
 def test_a_mechanism_without_joints_and_a_single_row() -> None:
     none = np.zeros((1, 0))
-    run = Trajectory(t=[0.0], q=none, u=none, coordinates=(), speeds=())
+    run = Trajectory(t=[0.0], q=none, u=none, coordinates=(), speeds=())  # type: ignore[arg-type]
     assert run.duration == 0.0 and run.q.shape == (1, 0)
 
 

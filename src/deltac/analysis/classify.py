@@ -13,7 +13,7 @@ from deltac.analysis.evaluate import evaluate
 from deltac.arrays import ASSEMBLED, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import TRIAL_STATES, random_states
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
@@ -222,7 +222,7 @@ def _depends(expression: Any) -> bool:
     return bool(ca.sparsify(ca.simplify(ca.densify(expression))).nnz())
 
 
-def _names(rows: Rows, places: Collection[int]) -> tuple[str, ...]:
+def _names(rows: ConstraintRows, places: Collection[int]) -> tuple[str, ...]:
     """The constraints of some rows, each once."""
     return tuple(dict.fromkeys(rows.names[k] for k in sorted(places)))
 

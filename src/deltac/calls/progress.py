@@ -16,7 +16,7 @@ TIME_LIMIT = 60.0
 Progress: TypeAlias = Callable[[float], None]
 
 
-def untold(fraction: float) -> None:
+def no_progress(fraction: float) -> None:
     """Progress that nobody asked for."""
 
 
@@ -28,7 +28,7 @@ class Parts:
     """
 
     def __init__(self, progress: Progress | None, shares: Mapping[str, float]) -> None:
-        self._progress, self._shares = progress or untold, shares
+        self._progress, self._shares = progress or no_progress, shares
         self._done = self._share = 0.0
 
     def part(self, name: str) -> Progress:

@@ -128,7 +128,7 @@ def cache(
     as_json: Json = False,
 ) -> None:
     """Show, verify or clear the cache of compiled kernels."""
-    from deltac.kernels import cache_info, clear_cache, verify_cache
+    from deltac.kernels.cache import cache_info, clear_cache, verify_cache
 
     if clear:
         clear_cache()

@@ -221,7 +221,7 @@ def _words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-KINDS: dict[str, tuple[Any, str | None, Callable[[Any], Any] | None]] = {
+ARGUMENT_KINDS: dict[str, tuple[Any, str | None, Callable[[Any], Any] | None]] = {
     "bool": (bool, None, None),
     "int": (int, "N", None),
     "float": (float, "NUMBER", None),
@@ -310,9 +310,9 @@ def _offered(verb: Callable[..., Any], left_out: Collection[str]) -> Iterator[in
 def _option(p: inspect.Parameter, description: str) -> Any:
     """The option of an argument by its annotation and description; None where text cannot give it."""
     kind, _, rest = str(p.annotation).partition(" | ")
-    if not description or kind not in KINDS or rest not in ("", "None"):
+    if not description or kind not in ARGUMENT_KINDS or rest not in ("", "None"):
         return None
-    option_type, value, read = KINDS[kind]
+    option_type, value, read = ARGUMENT_KINDS[kind]
     value = "SECONDS" if description.startswith("seconds") else value
     name = p.name.replace("_", "-")
     names = (

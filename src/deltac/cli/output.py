@@ -19,13 +19,13 @@ from deltac.cli import options
 from deltac.cli.formats import Case, github, junit, sarif
 from deltac.results import Report, Section, as_text, headed
 
-UNKNOWN, WIDEST = 100, 120
+UNKNOWN, WIDEST_TEXT = 100, 120
 """Columns of text where no terminal says how many it has, and the most that are easy to read."""
 
 
 def width() -> int:
     """Columns of the terminal, or of COLUMNS; within reason."""
-    return max(40, min(WIDEST, shutil.get_terminal_size((UNKNOWN, 24)).columns))
+    return max(40, min(WIDEST_TEXT, shutil.get_terminal_size((UNKNOWN, 24)).columns))
 
 
 def displayed(text: str) -> str:

@@ -6,7 +6,6 @@ from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.location import Blame as Blame
 from deltac.diagnosis.check.location import blame as blame
-from deltac.diagnosis.check.location import blame_at as blame_at
 from deltac.diagnosis.explain.result import Explanation as Explanation
 from deltac.diagnosis.inputs.logs import read_log as read_log
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation
@@ -20,9 +19,9 @@ from deltac.diagnosis.residuals.states import draw as draw
 from deltac.diagnosis.residuals.states import in_user_coordinates as in_user_coordinates
 from deltac.diagnosis.study.convergence import Convergence as Convergence
 from deltac.diagnosis.study.convergence import order_text as order_text
+from deltac.diagnosis.study.result import Study as Study
 from deltac.diagnosis.study.runs import StudyRun as StudyRun
 from deltac.diagnosis.study.runs import before_blow_up as before_blow_up
-from deltac.diagnosis.study.study import Study as Study
 from deltac.diagnosis.verdict import EXIT_CODES as EXIT_CODES
 from deltac.diagnosis.verdict import MEANINGS as MEANINGS
 from deltac.diagnosis.verdict import RUN_TOLERANCE as RUN_TOLERANCE

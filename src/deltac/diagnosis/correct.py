@@ -23,7 +23,7 @@ from deltac.diagnosis.inference.flow import composed, predict, transitions
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
-from deltac.diagnosis.measurements.kinematics import LEAST_ROWS
+from deltac.diagnosis.measurements.kinematics import SHORTEST_PART
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
@@ -142,7 +142,7 @@ def correct_trajectory(
         finite = np.full(len(now), np.finfo(float).max)
         lost = now > (finite if before is None else np.maximum(CLEAR_RATIO * before, FLOW))
         count = int(np.argmax(lost)) if lost.any() else len(now)
-        if count < LEAST_ROWS:
+        if count < SHORTEST_PART:
             raise _refused(
                 f"from t = {rows.t[count]:.4g} s on corrections do not become smaller: the motion is "
                 "chaotic, or the steps are far too long"

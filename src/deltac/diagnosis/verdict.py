@@ -13,12 +13,12 @@ from deltac.simulation.step_size.energy_error import ACCURATE
 if TYPE_CHECKING:
     from deltac.energy import Ledger
 
-__all__ = ["Confidence", "Finding", "Judged", "Kind", "Verdict", "Weight", "percent"]
+__all__ = ["Confidence", "Finding", "Judged", "VerdictKind", "Verdict", "Weight", "percent"]
 
-Kind = Literal["consistent", "integration-error", "equation-error", "unresolved"]
+VerdictKind = Literal["consistent", "integration-error", "equation-error", "unresolved"]
 Confidence = Literal["high", "medium", "low"]
 
-MEANINGS: dict[Kind, str] = {
+MEANINGS: dict[VerdictKind, str] = {
     "consistent": "The energy balance holds: motion, model and logged forces are consistent with each other.",
     "integration-error": "The equations hold at the samples, but energy is not conserved: the step or the "
     "integrator is to blame, not the model.",
@@ -28,7 +28,7 @@ MEANINGS: dict[Kind, str] = {
 }
 """What each kind means of a log; other tests say it in words of their own."""
 
-EXIT_CODES: dict[Kind, int] = {
+EXIT_CODES: dict[VerdictKind, int] = {
     "consistent": 0,
     "integration-error": 1,
     "equation-error": 1,
@@ -80,7 +80,7 @@ class Verdict(Report):
     meaning     what it comes to, in a sentence; by default what the kind means of a log
     """
 
-    kind: Kind
+    kind: VerdictKind
     confidence: Confidence
     evidence: tuple[str, ...]
     findings: tuple[Finding, ...] = ()

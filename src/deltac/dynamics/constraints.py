@@ -20,7 +20,7 @@ from deltac.dynamics.system import System, released
 
 
 @dataclass(frozen=True)
-class Rows:
+class ConstraintRows:
     """All rows of a mechanism's constraints, in the symbols of its system.
 
     `names` (nc) tell the constraint of each row, `index` its place among all rows that they state,
@@ -43,10 +43,10 @@ class Rows:
     def __len__(self) -> int:
         return len(self.names)
 
-    def select(self, rows: Sequence[int]) -> Rows:
+    def select(self, rows: Sequence[int]) -> ConstraintRows:
         """Some of the rows."""
         k = list(rows)
-        return Rows(
+        return ConstraintRows(
             tuple(self.names[i] for i in k),
             tuple(self.index[i] for i in k),
             tuple(self.holonomic[i] for i in k),
@@ -59,11 +59,11 @@ class Rows:
         )
 
     @staticmethod
-    def none(system: System) -> Rows:
+    def none(system: System) -> ConstraintRows:
         """No rows, of a system."""
         nothing, nu = ca.SX(0, 1), system.u_all.shape[0]
         G = ca.SX(0, len(system.free_u))
-        return Rows((), (), (), nothing, nothing, ca.SX(0, nu), G, nothing, nothing)
+        return ConstraintRows((), (), (), nothing, nothing, ca.SX(0, nu), G, nothing, nothing)
 
     def at_rest(self, u: SX) -> SX:
         """ψ (nc,) where the free speeds `u` are zero; prescribed joints move."""
@@ -74,10 +74,10 @@ class Rows:
         return [k for k, owner in enumerate(self.names) if owner == name]
 
 
-def constraint_rows(system: System) -> Rows:
+def constraint_rows(system: System) -> ConstraintRows:
     """Write out all constraints. Rows that vanish identically (out of a planar loop's plane) are left out."""
     if not system.mechanism.constraints:
-        return Rows.none(system)
+        return ConstraintRows.none(system)
     twin = released(system)
     names: list[str] = []
     holonomic: list[bool] = []
@@ -105,7 +105,7 @@ def constraint_rows(system: System) -> Rows:
     along = ca.vertcat(system.q, system.t)
     gamma = ca.jtimes(psi, along, ca.vertcat(system.qdot, 1))
     G = ca.simplify(G_all[:, system.free_u])
-    rows = Rows(
+    rows = ConstraintRows(
         tuple(names), tuple(range(len(names))), tuple(holonomic), phi, psi, G_all, G, b, gamma
     )
     present = [
@@ -114,7 +114,7 @@ def constraint_rows(system: System) -> Rows:
     return rows if len(present) == len(names) else rows.select(present)
 
 
-def _vanishes(rows: Rows, k: int) -> bool:
+def _vanishes(rows: ConstraintRows, k: int) -> bool:
     """Whether a row without motion holds by itself: constants at rounding level."""
     values = ca.vertcat(rows.phi[k], rows.b[k])
     return bool(values.is_constant()) and float(ca.norm_inf(ca.DM(values))) < ASSEMBLED

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
@@ -70,7 +70,9 @@ class OwnCoordinates:
         return ca.jtimes(self.user_q, along, ca.vertcat(self.own_qdot, 1))
 
 
-def trace_map(system: System, coordinate_map: CoordinateMap, rows: Rows) -> OwnCoordinates:
+def trace_map(
+    system: System, coordinate_map: CoordinateMap, rows: ConstraintRows
+) -> OwnCoordinates:
     """Write a coordinate map out in symbols; `rows` are the mechanism's constraints, or independent ones.
 
     InputError where it does not fit the mechanism.
@@ -173,7 +175,9 @@ def trace_map(system: System, coordinate_map: CoordinateMap, rows: Rows) -> OwnC
     )
 
 
-def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: str) -> None:
+def _enough(
+    own: int, laws: int, rows: ConstraintRows, names: Sequence[str], mechanism: str
+) -> None:
     """ModelError where own speeds, or laws of some speeds, cannot tell the motion."""
     free = len(names) - len(rows)
     if min(own, laws) >= free:
@@ -216,7 +220,7 @@ def _user_q(
 
 
 def trace_split(
-    system: System, coordinate_map: CoordinateMap | None, rows: Rows | None = None
+    system: System, coordinate_map: CoordinateMap | None, rows: ConstraintRows | None = None
 ) -> OwnCoordinates | None:
     """Own generalized speeds in which testing functions divide the kinetic energy; none by default.
 
@@ -225,7 +229,7 @@ def trace_split(
     """
     if coordinate_map is None:
         return None
-    bound = Rows.none(system) if rows is None else rows
+    bound = ConstraintRows.none(system) if rows is None else rows
     own = trace_map(system, coordinate_map, bound)
     count, free = own.own_u.shape[0], own.u.shape[0] - len(bound)
     if not len(bound) or own.removal is not None or count == free:
@@ -277,7 +281,7 @@ def _dependent(system: System, own: OwnCoordinates, columns: SX, size: int) -> l
 
 
 def check_split(
-    system: System, own: OwnCoordinates, rows: Rows, t: Array, q: Array, p: Array
+    system: System, own: OwnCoordinates, rows: ConstraintRows, t: Array, q: Array, p: Array
 ) -> None:
     """InputError unless motion by own speeds satisfies the constraints at places t (B,), q (nq, B).
 

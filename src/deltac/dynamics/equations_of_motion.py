@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
-from deltac.dynamics.constraints import Rows, constraint_rows
+from deltac.dynamics.constraints import ConstraintRows, constraint_rows
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba, rnea
@@ -82,7 +82,7 @@ class EquationsOfMotion:
         return total_force(self.system, self.channels)
 
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> ConstraintRows:
         """All rows of the constraints, redundant ones too."""
         return constraint_rows(self.system)
 
@@ -115,7 +115,7 @@ class EquationsOfMotion:
         p = [s.mechanism.parameters[name] for name in s.vary]
         return self._inertia(0.0, q, p)
 
-    def weights(self, rows: Rows) -> SX:
+    def weights(self, rows: ConstraintRows) -> SX:
         """μ (nc,; kg) of rows: positive for those that hold massless coordinates, else zero.
 
         Any positive number makes M + Gᵀμ G regular; one of the size of M costs no digits.
@@ -128,7 +128,7 @@ class EquationsOfMotion:
                     weight[k] = largest if largest > 0.0 else 1.0
         return weight
 
-    def completed(self, rows: Rows) -> tuple[SX, SX]:
+    def completed(self, rows: ConstraintRows) -> tuple[SX, SX]:
         """M + Gᵀμ G (p, p) and Gᵀμ γ (p,) of some rows."""
         weight = self.weights(rows)
         pull = ca.mtimes(rows.G.T, ca.diag(weight))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.arrays import ASSEMBLED, ROOT_EPS, Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import without_rounding
 from deltac.dynamics.singular_inertia import regular_least_squares
@@ -125,8 +125,8 @@ def _independent(
     return tuple(sorted(chosen)), level, margin
 
 
-def row_names(rows: Rows, places: Sequence[int]) -> str:
-    """Rows in words: how many of which constraint."""
+def row_names(rows: ConstraintRows, places: Sequence[int]) -> str:
+    """ConstraintRows in words: how many of which constraint."""
     counts: dict[str, int] = {}
     for k in places:
         counts[rows.names[k]] = counts.get(rows.names[k], 0) + 1

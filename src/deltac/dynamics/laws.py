@@ -21,7 +21,7 @@ Expr: TypeAlias = Any
 """A node of a SymPy expression."""
 
 # By SymPy's class names, so that a law that is a number needs no SymPy.
-FUNCTIONS: dict[str, Callable[..., SX]] = {
+CASADI_FUNCTIONS: dict[str, Callable[..., SX]] = {
     "sin": ca.sin,
     "cos": ca.cos,
     "tan": ca.tan,
@@ -107,7 +107,7 @@ def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
 
 def _check_supported(node: Expr) -> None:
     name = type(node).__name__
-    if not (_is_number(node) or node.is_Symbol or name in _FORMS or name in FUNCTIONS):
+    if not (_is_number(node) or node.is_Symbol or name in _FORMS or name in CASADI_FUNCTIONS):
         raise ModelError(f"the function {name} of the law's part {node!s:.200} is not supported")
 
 
@@ -133,7 +133,7 @@ def _print(node: Expr, printed: Mapping[Expr, SX], values: Mapping[str, SX]) -> 
         case "ExprCondPair":
             return printed[node.expr]
         case name:
-            return FUNCTIONS[name](*(printed[part] for part in node.args))
+            return CASADI_FUNCTIONS[name](*(printed[part] for part in node.args))
 
 
 def _constant(number: Any) -> SX:

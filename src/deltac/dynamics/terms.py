@@ -14,7 +14,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates, solve_tall
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import Schur
@@ -105,7 +105,7 @@ def forward(
 class Constrained:
     """Independent rows of a mechanism's constraints with their factorised system."""
 
-    rows: Rows
+    rows: ConstraintRows
     schur: Schur
 
     @property

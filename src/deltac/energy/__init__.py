@@ -7,11 +7,11 @@ from deltac.energy.accumulator import balance
 from deltac.energy.balance import residuals
 from deltac.energy.ledger import Ledger
 from deltac.energy.live import (
+    CARRIED,
     MOMENTA,
     QUADRATURE,
     RESULTS,
     SETTINGS,
-    SUMS,
     Given,
     LiveKernels,
     Memory,
@@ -19,11 +19,11 @@ from deltac.energy.live import (
 )
 
 __all__ = [
+    "CARRIED",
     "MOMENTA",
     "QUADRATURE",
     "RESULTS",
     "SETTINGS",
-    "SUMS",
     "TESTING_FUNCTIONS",
     "Given",
     "Ledger",

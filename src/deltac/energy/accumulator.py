@@ -29,7 +29,7 @@ OVERLAP = SAMPLED
 """Rows that chunks share with their neighbours: a window of interpolation."""
 
 
-SUMS = ("work", "delta_c", "momentum", "delta_p")
+CHUNK_SUMS = ("work", "delta_c", "momentum", "delta_p")
 BARS = ("work_error", "error_bar", "momentum_bar", "delta_p_bar")
 
 
@@ -82,7 +82,7 @@ class Accumulator:
     def _continued(self, ledger: Ledger, core: slice, before: int) -> Ledger:
         """The core rows of a piece's ledger, its sums continued from the piece before."""
         groups: dict[str, Any] = {}
-        for group in SUMS + BARS:
+        for group in CHUNK_SUMS + BARS:
             groups[group] = {}
             for name, values in getattr(ledger, group).items():
                 if not self._parts:

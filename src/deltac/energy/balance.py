@@ -51,7 +51,7 @@ from deltac.energy.works import (
 )
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.kernels import Kernel
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import BOOKED, CORRECTIONS, ENERGY_CORRECTION, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.mechanism import Mechanism
@@ -60,7 +60,7 @@ from deltac.trajectories import Trajectory
 if TYPE_CHECKING:
     from deltac.energy.discrete import DiscreteWork
 
-WORK = ("in-loop", "samples", "discrete")
+WORK_METHODS = ("in-loop", "samples", "discrete")
 
 
 def balance_of_rows(
@@ -280,14 +280,20 @@ class RowBalance:
     def lost(self, works: Mapping[ChannelName, Work]) -> dict[ChannelName, Work]:
         """Works of channels with a potential: what it lost; `works` has that of ∂V/∂t."""
         in_time = {n: ChannelName("prescribed", n.element) for n in self.symbols.driven}
+        names = self.kernels.conservative
         return {
             name: of_potential(
                 self.potential[name],
                 works[in_time[name]] if name in in_time else None,
                 self.growth,
+                room,
             )
-            for name in self.kernels.conservative
+            for name, room in zip(names, self._room(len(names)))
         }
+
+    def _room(self, count: int) -> Iterator[Array]:
+        """Memory for two columns each of so many, in one piece: it comes in large pages so."""
+        yield from np.empty((count, 2, len(self.rows)))
 
     @cached_property
     def delta_c(self) -> dict[str, Work]:
@@ -406,9 +412,14 @@ class RowBalance:
         names, own = (*kernels.momenta, *kernels.speeds), len(kernels.momenta)
         impulses = [self.jumped.momentum.get(name) for name in kernels.momenta]
         impulses += [*self.jumped.speeds.T] or [None] * len(kernels.speeds)
-        departures, unit = list[Work](), self.growth * EPS
-        for k, (p, rate, impulse) in enumerate(
-            zip(self.columns.outputs["momentum"], self.columns.sums["force"], impulses)
+        departures = list[Work]()
+        for k, (p, rate, impulse, (departure, rounding)) in enumerate(
+            zip(
+                self.columns.outputs["momentum"],
+                self.columns.sums["force"],
+                impulses,
+                self._room(len(names)),
+            )
         ):
             flowed, bar = rate.value, rate.bar
             integral = run.integrals.get(f"{MOMENTUM} {names[k]}")
@@ -416,8 +427,9 @@ class RowBalance:
                 flowed, bar = integral - integral[0], np.zeros(len(p))
             if impulse is not None:
                 flowed = flowed + impulse
-            departure, rounding = p - p[0], unit * (largest(p) + largest(flowed))
+            np.subtract(p, p[0], out=departure)
             departure -= flowed  # of long logs each new column costs as much as what is computed
+            np.multiply(self.growth, EPS * (largest(p) + largest(flowed)), out=rounding)
             rounding += bar
             departures.append(Work(departure, rounding))
         return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
@@ -498,8 +510,10 @@ def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
         in_loop = any(n in run.integrals for n in TESTING_FUNCTIONS) or _recorded(run)
         return "in-loop" if in_loop else "samples"
-    if work not in WORK:
-        raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
+    if work not in WORK_METHODS:
+        raise UnknownName(
+            f"unknown way to take the work, {work!r}; known: {', '.join(WORK_METHODS)}"
+        )
     if work == "in-loop" and not run.integrals and not run.works:
         raise LogError(
             "the run holds no integrals and no works taken in the loop; use work='samples', or simulate with "
@@ -571,15 +585,8 @@ def _chosen(
     return (*applicable(constrained=tied), MOMENTUM)
 
 
-CORRECTIONS = ("correction kinetic", "correction potential")
-"""Integrals in which a run books what projections and corrections of the energy did to K and V."""
-
-ENERGY_CORRECTION = ChannelName("correction", "energy")
-"""The integral that holds the latter's part of both, and the channel of that work."""
-
 PROJECTION = ChannelName("correction", "projection")
-
-BOOKED = {ENERGY_CORRECTION, *CORRECTIONS}
+"""The channel of what projections alone did."""
 
 
 def _projected(run: Trajectory, *, potential: bool) -> Array:

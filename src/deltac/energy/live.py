@@ -20,14 +20,14 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import MOMENTUM, testing_functions
 from deltac.energy.sampling.interpolation import hermite_kernel
-from deltac.energy.sampling.quadrature import INNER, INNER_WEIGHTS, ORDERS, OUTER_WEIGHT
+from deltac.energy.sampling.quadrature import HERMITE_ORDERS, INNER, INNER_WEIGHTS, OUTER_WEIGHT
 from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 
-NODES = (0.0, *INNER, 1.0)
-WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)
+LOBATTO_NODES = (0.0, *INNER, 1.0)
+LOBATTO_WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)
 
 GIVEN = ChannelName("applied", "given")
 """The sum of the given forces of which the model has no channel."""
@@ -37,7 +37,7 @@ SETTINGS = ("t", "bound", "tolerance", "rate", "second")
 the second of a pair.
 """
 
-SUMS = ("E0", "work", "flow", "K-", "K+", "V-", "V+", "steps")
+CARRIED = ("E0", "work", "flow", "K-", "K+", "V-", "V+", "steps")
 """What is carried on from row to row, before the works of the channels; see `LiveKernels`."""
 
 QUADRATURE = ("sum", "apart", "off", "largest", "jumped", "sum before", "apart before")
@@ -102,11 +102,11 @@ class LiveKernels:
     """A step of the balance.
 
     `step` takes the settings, the integrals of a pair taken as one interval (`skipped`), what is remembered
-    and, as its parameters, a new row. It gives what is remembered then: that row and the one before, the
-    `SUMS`, the `QUADRATURE` and the `MOMENTA`, line by line, and the `RESULTS`. A row is t, q and u (the free
-    ones), u̇ if it is given, and the force (nu) of each channel. The sums are, in their order: E at the start;
-    the work P of the testing function; ∫|P| dt; least and largest K and V; the number of steps; then the work
-    of each of the `channels`, and the potential of each of the `sources`.
+    and, as its parameters, a new row. It gives what is remembered then: that row and the one before, what
+    is `CARRIED`, the `QUADRATURE` and the `MOMENTA`, line by line, and the `RESULTS`. A row is t, q and u
+    (the free ones), u̇ if it is given, and the force (nu) of each channel. The sums are, in their order: E at
+    the start; the work P of the testing function; ∫|P| dt; least and largest K and V; the number of steps;
+    then the work of each of the `channels`, and the potential of each of the `sources`.
 
     `skipped` gives the integrals with a quadrature error over the last interval and the new one taken as
     one, of the same input; it is None where there is none.
@@ -123,7 +123,7 @@ class LiveKernels:
     skipped: Kernel | None
 
 
-_KEPT: LRUCache[LiveKernels] = LRUCache(16)
+_LIVE_KERNELS: LRUCache[LiveKernels] = LRUCache(16)
 
 
 def live_kernels(
@@ -136,7 +136,7 @@ def live_kernels(
     """
     where = (start[0], start[1].tobytes()) if mechanism.constraints else None
     key = (mechanism.digest(), rows, testing, where)
-    return _KEPT.get(key, lambda: _written_out(mechanism, rows, testing, start))
+    return _LIVE_KERNELS.get(key, lambda: _written_out(mechanism, rows, testing, start))
 
 
 def _written_out(
@@ -197,7 +197,7 @@ def _written_out(
     q, u, v = (slice(0, s.q.numel()), slice(s.q.numel(), size), slice(size + s.q.numel(), None))
     nodes = []
     first, second = ca.SX.zeros(nu), ca.SX.zeros(nu)  # ∫ (1 − x) u dt and ∫ x u dt
-    for node, weight, motion in zip(NODES, WEIGHTS, motions):
+    for node, weight, motion in zip(LOBATTO_NODES, LOBATTO_WEIGHTS, motions):
         t = before["t"] + node * width
         given_there = [(1 - node) * ends[0][name] + node * ends[1][name] for name in logged]
         values = {"t": t, "q": motion[q], "u": motion[u], "udot": motion[v]}
@@ -207,7 +207,9 @@ def _written_out(
         first, second = first + (1 - node) * moved, second + node * moved
     powers = {name: [parts[name] for parts in nodes] for name in ("channels", "functions")}
     powers["impulses"] = [ca.densify(parts["force"][momenta, :]) for parts in nodes]
-    sums = {name: width * sum(w * p for w, p in zip(WEIGHTS, at)) for name, at in powers.items()}
+    sums = {
+        name: width * sum(w * p for w, p in zip(LOBATTO_WEIGHTS, at)) for name, at in powers.items()
+    }
     powers["sizes"] = [ca.fabs(rate) for rate in powers["impulses"]]
     plain = {name: width * 0.5 * (at[0] + at[-1]) for name, at in powers.items()}
 
@@ -240,10 +242,10 @@ def _written_out(
     energies = Energies(*ca.vertsplit(row_values["energies"]))
     E, K, V = function.E(energies), energies.K, energies.V
     potential = ca.densify(row_values["potential"])
-    so_far = ca.SX.sym("sums", len(SUMS) + len(works) + potential.numel())
-    old = dict(zip(SUMS, ca.vertsplit(so_far)[: len(SUMS)]))
-    cumulated = [so_far[len(SUMS) + k] + work for k, work in enumerate(works.values())]
-    lost = ca.vertsplit(potential - so_far[len(SUMS) + len(works) :])
+    so_far = ca.SX.sym("sums", len(CARRIED) + len(works) + potential.numel())
+    old = dict(zip(CARRIED, ca.vertsplit(so_far)[: len(CARRIED)]))
+    cumulated = [so_far[len(CARRIED) + k] + work for k, work in enumerate(works.values())]
+    lost = ca.vertsplit(potential - so_far[len(CARRIED) + len(works) :])
     flow = sum(map(ca.fabs, [*works.values(), *lost]), start=ca.SX(0))
     new = {
         "E0": old["E0"],
@@ -282,7 +284,7 @@ def _written_out(
         "apart before": pair["apart"],
     }
     smooth = given.rated and not given.forces  # these are interpolated linearly
-    factor = 1.0 / (2.0 ** ((ORDERS[2] if smooth else 2) / 2) - 1.0)
+    factor = 1.0 / (2.0 ** ((HERMITE_ORDERS[2] if smooth else 2) / 2) - 1.0)
     exact = ca.simplify(integrals[0]).is_zero()
     uncertain = ca.vertcat(0.0 if exact else 1.0, ca.SX.ones(impulse.numel()))
     quadrature = uncertain * (factor * paired["largest"] + paired["jumped"])

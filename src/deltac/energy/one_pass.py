@@ -33,26 +33,26 @@ from deltac.energy.sampling.quadrature import (
     observed_order,
     reduction,
 )
-from deltac.energy.sampling.running import AHEAD, LANES, REACH, Running
+from deltac.energy.sampling.running import LANES, REACH, ROWS_AHEAD, Running
 from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
 from deltac.kernels import Kernel
-from deltac.kernels.kernel import AT_ONCE
+from deltac.kernels.kernel import BLOCK_STATES
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.kernels.simd import aligned
 from deltac.mechanism.channels import ChannelName
 
-ROWS = AT_ONCE
+ROWS_A_BLOCK = BLOCK_STATES
 """Rows in a block, about."""
 
-PART = ROWS // 2
+PART = ROWS_A_BLOCK // 2
 """Rows of which one is kept at least."""
 
-MANY = 8
+ROWS_A_KEPT = 8
 """Rows per row that is kept, above which one pass is faster than all columns."""
 
-LONG = MANY * ROWS
+LONG_RUN = ROWS_A_KEPT * ROWS_A_BLOCK
 """Rows from which on all columns are found so."""
 
 HALO = 4 * (SAMPLED // 2)
@@ -105,7 +105,7 @@ class _Layout:
             for k, name in enumerate(kernels.conservative)
             if name in symbols.driven
         }
-        self.integrated = (*integrated, *driven.values())
+        self.integrated = [*integrated, *driven.values()]
         self.n_columns = self.n_out + len(self.integrated) + 1
         self.n_functions = len(integrated)
         names = tuple(name for _, name in self._functions)
@@ -252,9 +252,8 @@ class _BlockWorker:
         self._inside()
         running.powers[:] = self._y[: layout.n_out][layout.between, : self._rows].T
         sums = running()
-        values = running.value(np.arange(self._size + 1))
         block = slice(REACH, REACH + self._size + 1)
-        self._integrals[:, block] = values[:, list(layout.integrated)].T
+        self._integrals[:, block] = running.value(slice(None), layout.integrated).T
         self._compared()
         self._fine = None
         return sums
@@ -276,9 +275,9 @@ class _BlockWorker:
         block = slice(REACH, REACH + last - first + 1)
         self._y[: layout.n_out, block] = outputs[:, core].copy()
         self._fine = fine[:, core] - fine[:, core.start, None]
-        self._integrals[:, block] = self._fine[list(layout.integrated)]
+        self._integrals[:, block] = self._fine[layout.integrated]
         self._compared()
-        ahead = (min(last + AHEAD + 1, high) - low) // 2 + 1
+        ahead = (min(last + ROWS_AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]
         error = error[:, core.start // 2 :] - error[:, core.start // 2, None]
         self._most, self._least = (f.accumulate(error, axis=1) for f in (np.maximum, np.minimum))
@@ -304,7 +303,7 @@ class _BlockWorker:
         if self._fine is None:
             return self._running.reached(rows)
         # A bar is that of the next row but one that windows on every second row see.
-        second = np.minimum((rows + AHEAD + 1) // 2, self._most.shape[1] - 1)
+        second = np.minimum((rows + ROWS_AHEAD + 1) // 2, self._most.shape[1] - 1)
         return self._most[:, second].T, self._least[:, second].T
 
 
@@ -364,14 +363,14 @@ def in_one_pass(
     """
     count = len(samples.t)
     aside = samples.inward is not None or samples.held or samples.derived
-    enough = LONG if keep is None else max(ROWS, MANY * keep)
+    enough = LONG_RUN if keep is None else max(ROWS_A_BLOCK, ROWS_A_KEPT * keep)
     if aside or count < enough or not equidistant(samples.t):
         return None
     part = 1 if keep is None else min(max(count // keep, 1), PART)
     if part > 8 * LANES:
         part -= part % LANES
     unit = math.lcm(part, LANES)
-    size = unit * max(1, ROWS // unit)
+    size = unit * max(1, ROWS_A_BLOCK // unit)
     layout = _Layout(symbols, kernels, functions)
     starts = range(0, count - 1, size)
     rows_kept = _All(layout, count) if keep is None else _Some(layout, part, count)

@@ -144,8 +144,10 @@ def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
             departures[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
         if joint.name in mechanism.quaternions:
             quaternion = run.q[:, mechanism.quaternions[joint.name]]
-            norm = np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))  # norm(axis=1), but fast
-            departures[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
+            norm = np.einsum("ij,ij->i", quaternion, quaternion)  # norm(axis=1), but fast
+            np.sqrt(norm, out=norm)
+            norm -= 1.0
+            departures[f"quaternion {joint.name}"] = np.abs(norm, out=norm)
     departures.update(_constraint_violations(mechanism, run))
     return departures
 

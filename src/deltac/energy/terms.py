@@ -168,10 +168,10 @@ def ledger_symbols(
     motion = equations_of_motion(mechanism)
     rows = independence(motion, *start).independent
     key = (mechanism.digest(), log.key, speeds, rows)
-    return _KEPT.get(key, lambda: _written_out(motion, log, speeds, rows))
+    return _SYMBOLS.get(key, lambda: _written_out(motion, log, speeds, rows))
 
 
-_KEPT: LRUCache[LedgerSymbols] = LRUCache(16)
+_SYMBOLS: LRUCache[LedgerSymbols] = LRUCache(16)
 
 
 def _written_out(

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
@@ -26,7 +26,7 @@ from deltac.fleets.rows import (
     AUDITED,
     LONG_PIECE,
     NUMBER,
-    SHARES,
+    PIECES_A_WORKER,
     TEXT,
     Piece,
     audited_row,
@@ -36,26 +36,23 @@ from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
 from deltac.foreign.isolation import Failure
-from deltac.kernels.rows import compiled
+from deltac.kernels import compiled_rows
 from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories import FORMATS, LogMapping, Trajectory, as_mapping, is_log_folder, read_raw
 
-if TYPE_CHECKING:
-    pass
-
-OUTCOME: Mapping[str, str] = {**AUDITED, "duration": NUMBER}
+AUDIT_OUTCOME: Mapping[str, str] = {**AUDITED, "duration": NUMBER}
 """What the table says of every log or episode; see docs/fleets.md."""
 
 AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
 """Suffixes that other things than logs have as well."""
 
-SMALL = 1 << 20
+SMALL_TABLE = 1 << 20
 """Size (bytes) up to which files of such suffixes are looked into."""
 
-TOGETHER = 32
+EPISODES_TOGETHER = 32
 """Episodes that are judged side by side: what is known of each takes a megabyte or so of memory."""
 
-EPISODES = LONG_PIECE * TOGETHER
+EPISODES = LONG_PIECE * EPISODES_TOGETHER
 """Logs, and episodes of a log, in a piece, at most."""
 
 
@@ -84,7 +81,7 @@ class AuditPiece(Piece):
     """Some logs, or some episodes of one log."""
 
     needs = ("deltac.diagnosis.audit.audit", "llvmlite.binding")
-    kinds = OUTCOME
+    kinds = AUDIT_OUTCOME
     per_row = "logs"
 
     task: AuditTask
@@ -96,7 +93,7 @@ class AuditPiece(Piece):
         for source in dict.fromkeys(log.source for log in self.logs):
             own = [log.episode for log in self.logs if log.source == source]
             rows += verdicts(self.task, source, own)
-        return {name: [row.get(name) for row in rows] for name in OUTCOME}
+        return {name: [row.get(name) for row in rows] for name in AUDIT_OUTCOME}
 
     def about(self) -> dict[str, Any]:
         """The first log."""
@@ -104,10 +101,12 @@ class AuditPiece(Piece):
 
     def point(self) -> dict[str, tuple[str, Any]]:
         """Log and episode."""
-        return {name: (TEXT, [getattr(log, of) for log in self.logs]) for name, of in POINT.items()}
+        return {
+            name: (TEXT, [getattr(log, of) for log in self.logs]) for name, of in LOG_POINT.items()
+        }
 
 
-POINT = {"log": "source", "episode": "episode"}
+LOG_POINT = {"log": "source", "episode": "episode"}
 
 
 def verdicts(
@@ -117,9 +116,9 @@ def verdicts(
     runs = read_episodes(source, episodes, task.mapping, task.model.mechanism)
     batched = list(episodes) != [None]
     # Compiled is the same for all episodes, so that they all pay for it.
-    with compiled() if batched else contextlib.nullcontext():
-        for first in range(0, len(runs), TOGETHER):
-            yield from _judged(task, runs[first : first + TOGETHER])
+    with compiled_rows() if batched else contextlib.nullcontext():
+        for first in range(0, len(runs), EPISODES_TOGETHER):
+            yield from _judged(task, runs[first : first + EPISODES_TOGETHER])
 
 
 def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[dict[str, Any]]:
@@ -149,7 +148,7 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     """The logs that are meant: paths, folders, patterns (``logs/**/*.parquet``), URLs that fsspec knows.
 
     A path that is not there is a log, too: its row says so. Whatever is named, or matches a pattern, is one;
-    what else lies in a folder is told besides. Raises InputError where a pattern matches none.
+    other files in a folder are named as well. Raises InputError where a pattern matches none.
     """
     many = [logs] if isinstance(logs, str | Path) else list(logs)
     logs_found: list[str] = []
@@ -183,7 +182,7 @@ def _is_log(path: Path) -> bool:
     suffix = path.suffix.lower()
     if path.is_dir():
         return is_log_folder(path)
-    if suffix not in AMBIGUOUS or not path.exists() or path.stat().st_size > SMALL:
+    if suffix not in AMBIGUOUS or not path.exists() or path.stat().st_size > SMALL_TABLE:
         return suffix in FORMATS
     try:
         columns = read_raw(path).columns.values()
@@ -309,7 +308,7 @@ class AuditPlan(Plan):
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""
         places = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
-        most = chunk or max(1, min(LONG_PIECE, len(places) // (SHARES * workers)))
+        most = chunk or max(1, min(LONG_PIECE, len(places) // (PIECES_A_WORKER * workers)))
 
         def together(k: int) -> Any:
             """Logs go with each other, episodes with those of their log."""

@@ -88,7 +88,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = 2.0) -> Co
         before: a folder of `sweep` or `audit_many`.
         after: another one; rows are the same if their model, setting and axes are, or their log (the name of
             its file, and its folder where names are there twice) and episode.
-        factor: an energy error has grown if it is so many times larger.
+        factor: ratio of energy errors from which on the later one has grown.
 
     Raises:
         InputError: a folder does not hold results of deltac, they are of different kinds, or have no row in

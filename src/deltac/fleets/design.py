@@ -50,7 +50,7 @@ class Design:
         return len(self.setting)
 
 
-GROUPS = ("parameter", "q", "u")
+AXIS_GROUPS = ("parameter", "q", "u")
 
 
 def lay_out(spec: SweepSpec) -> Design:
@@ -71,7 +71,7 @@ def lay_out(spec: SweepSpec) -> Design:
             )
         if values is not None and len(set(values)) < len(values) and spec.design.kind != "list":
             raise SpecificationError(f"vary.{name}: a value occurs twice: {values}")
-    axes = {f"{g}.{n}": axis for g in GROUPS for n, axis in getattr(spec.vary, g).items()}
+    axes = {f"{g}.{n}": axis for g in AXIS_GROUPS for n, axis in getattr(spec.vary, g).items()}
     for name in axes:
         group, _, own = name.partition(".")
         if own in getattr(spec, group):
@@ -149,8 +149,8 @@ def _table_columns(path: Path) -> dict[str, list[Any]]:
         raise SpecificationError(f"{path}: the table has no rows, so there are no points")
     for name, values in columns.items():
         group, dot, own = name.strip().partition(".")
-        if not (own and group in GROUPS if dot else name.strip() in SETTING):
-            names = [*SETTING, *(f"{g}.NAME" for g in GROUPS)]
+        if not (own and group in AXIS_GROUPS if dot else name.strip() in SETTING):
+            names = [*SETTING, *(f"{g}.NAME" for g in AXIS_GROUPS)]
             raise UnknownName(f"{path}: unknown column {name!r}{closest(name, names)}")
         if None in values:
             raise SpecificationError(

@@ -33,8 +33,8 @@ from deltac.trajectories import (
     read_trajectory,
 )
 
-TIMES = ("time", "t", "tout")
-ARRAYS = (".npz", ".h5", ".hdf5")
+TIME_NAMES = ("time", "t", "tout")
+ARRAY_FILES = (".npz", ".h5", ".hdf5")
 
 
 def file_system(url: str) -> tuple[Any, str]:
@@ -88,7 +88,7 @@ def episode_names(source: str) -> list[str] | None:
                     head = file.readline(1 << 16).decode("utf-8", "replace")
                 if not set(COLUMNS) & {name.strip() for name in head.split(",")}:
                     return None
-            elif suffix in ARRAYS:
+            elif suffix in ARRAY_FILES:
                 if (shapes := _shapes(path)) is not None:
                     return [str(k) for k in range(_count(shapes))]
                 if suffix == ".npz":
@@ -120,7 +120,7 @@ def read_episodes(
     try:
         with naming(source), local_copy(source) as path:
             if list(names) == [None]:
-                if path.suffix.lower() in ARRAYS and (shapes := _shapes(path)) is not None:
+                if path.suffix.lower() in ARRAY_FILES and (shapes := _shapes(path)) is not None:
                     _count(shapes)  # why they are no episodes
                 return [read_trajectory(path, mapping, mechanism)]
             raws = dict(_raw_episodes(path, [name for name in names if name is not None]))
@@ -170,7 +170,7 @@ def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLo
 
         yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return
-    if suffix not in ARRAYS or _shapes(path) is None:
+    if suffix not in ARRAY_FILES or _shapes(path) is None:
         parts = episodes(read_raw(path))
         yield from ((name, parts[name]) for name in names if name in parts)
     else:
@@ -189,7 +189,7 @@ def _of_arrays(path: Path, places: Sequence[int]) -> Iterator[tuple[str, RawLog]
     several = {
         name
         for name, shape in shapes.items()
-        if len(shape) == 3 or (len(shape) == 2 and shape[1] == count and name in TIMES)
+        if len(shape) == 3 or (len(shape) == 2 and shape[1] == count and name in TIME_NAMES)
     }
     parts = dict.fromkeys(several, slice(first, last + 1))
     arrays = _format(path).read_arrays(path, parts)
@@ -215,7 +215,7 @@ def _shapes(path: Path) -> dict[str, tuple[int, ...]] | None:
 
 def _count(shapes: Mapping[str, tuple[int, ...]]) -> int:
     arrays = [shape for shape in shapes.values() if len(shape) == 3]
-    times = [shape[0] for name, shape in shapes.items() if name in TIMES and len(shape) == 1]
+    times = [shape[0] for name, shape in shapes.items() if name in TIME_NAMES and len(shape) == 1]
     if times and all(shape[0] != times[0] == shape[1] for shape in arrays):
         raise LogError(
             f"the arrays are (N, T, n), of {times[0]} times; expected (T, N, n), time first: write "

@@ -24,7 +24,7 @@ from deltac.kernels import cores
 TICK = 0.5
 """Seconds between two looks at the cluster and the clock."""
 
-AHEAD = 2
+IN_FLIGHT = 2
 """Pieces in flight for each worker: one in work, the next at hand. More would only take memory."""
 
 
@@ -64,7 +64,7 @@ def local_crew(workers: int | None) -> Iterator[Crew]:
     try:
         yield Crew(executor, size, own)
     finally:
-        # A thread may be about to start another process: ended is what is there until all threads are gone.
+        # A thread may be about to start another process: these are ended until all threads are gone.
         executor.shutdown(wait=False, cancel_futures=True)
         leaving = threading.Thread(target=executor.shutdown)
         leaving.start()
@@ -86,7 +86,7 @@ def dask_crew(address: str) -> Iterator[Crew]:
         raise PackageError(
             "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
         ) from None
-    # What it says of lost connections is said by us, once.
+    # Its messages about lost connections are replaced by one of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout="10s")
@@ -121,7 +121,7 @@ def execute(
     """Do all pieces.
 
     A piece that fails is halved, down to the single row that fails; a row whose process died, or that took
-    too long, gets `retries` more attempts. What fails still is set aside. At most `AHEAD` pieces a worker
+    too long, gets `retries` more attempts. What fails still is set aside. At most `IN_FLIGHT` pieces a worker
     are in flight, so memory is that of these. `keep` and `set_aside` are called in this thread; `done` with
     the number of rows that either has taken.
 
@@ -149,7 +149,7 @@ def execute(
 
     try:
         while True:
-            while len(flying) < AHEAD * crew.size:
+            while len(flying) < IN_FLIGHT * crew.size:
                 attempt = next_attempt()
                 if attempt is None:
                     break

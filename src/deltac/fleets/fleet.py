@@ -16,7 +16,7 @@ from deltac.fleets.execution import Crew, SchedulerLost, dask_crew, execute, loc
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
 from deltac.fleets.rows import Piece, failed_outcome, parquet
 from deltac.fleets.spec import Execution
-from deltac.fleets.store import RESULTS, Store
+from deltac.fleets.store import RESULTS_FILE, Store
 from deltac.foreign.isolation import Failure
 
 
@@ -143,7 +143,7 @@ class Plan:
                         done=advance,
                     )
             frame = store.table()
-            store.write_frame(RESULTS, frame)
+            store.write_frame(RESULTS_FILE, frame)
             return summarise(store, frame, total, others)
 
 

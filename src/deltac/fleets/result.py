@@ -12,7 +12,7 @@ from deltac.calls.services import service
 from deltac.diagnosis import EXIT_CODES
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
-from deltac.fleets.store import RESULTS, Store
+from deltac.fleets.store import RESULTS_FILE, Store
 from deltac.results import SHOWN, Report, Section, Table, number, percent, worst_code
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Fleet(Report):
         """The table (a polars DataFrame); of a fleet that is not complete, its rows that are there."""
         import polars
 
-        path = self.folder / RESULTS
+        path = self.folder / RESULTS_FILE
         if self.done == self.total and path.exists():
             return polars.read_parquet(path, glob=False)
         return Store.open(self.folder).table()
@@ -176,7 +176,7 @@ class Fleet(Report):
         if self.others:
             yield f"{self.others} other rows, of an earlier plan, version or model, are {OUTSIDE}."
         if self.done == self.total:
-            yield f"Table: {self.folder / RESULTS}"
+            yield f"Table: {self.folder / RESULTS_FILE}"
 
 
 def shown_cell(value: Any, name: str) -> str:
@@ -215,7 +215,7 @@ class Group(Report):
             yield ", ".join(f"{n} {shown_cell(v, n)}" for n, v in row.items() if v is not None)
 
 
-WORDS = {"step": "step {} s", "solver_tolerance": "tolerance {}", "duration": "{} s long"}
+SETTING_WORDS = {"step": "step {} s", "solver_tolerance": "tolerance {}", "duration": "{} s long"}
 """What is said of the numbers of a setting."""
 
 
@@ -223,7 +223,8 @@ def _setting(row: Mapping[str, Any], names: Iterable[str]) -> str:
     """A setting in words, without what its solver has not."""
     setting = {n: row[n] for n in names if row[n] is not None}
     return ", ".join(
-        WORDS[n].format(number(value)) if n in WORDS else str(value) for n, value in setting.items()
+        SETTING_WORDS[n].format(number(value)) if n in SETTING_WORDS else str(value)
+        for n, value in setting.items()
     )
 
 

@@ -30,7 +30,7 @@ POINT = ("log", "episode", "motion", *SETTING)
 LONG_PIECE = 8
 """Studies, audits or runs of other simulators in a piece of work: each takes seconds."""
 
-SHARES = 4
+PIECES_A_WORKER = 4
 """Pieces for a worker, at least, so that none waits long for the last one."""
 
 

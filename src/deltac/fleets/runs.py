@@ -27,12 +27,12 @@ CLOSER = RECORDS**2
 """A run that seems wrong is looked at this many times at least: a few may all fall on turning points of a
 periodic motion, where it has little energy."""
 
-HELD = 1 << 20
+NUMBERS_HELD = 1 << 20
 """Numbers of one quantity, of runs by times, that are held at once when looking closer."""
 
 TESTING = ("wang", "liu-huston")
 
-OUTCOME: dict[str, str] = {
+RUN_OUTCOME: dict[str, str] = {
     "verdict": TEXT,
     "confidence": TEXT,
     "relative": NUMBER,
@@ -94,7 +94,7 @@ class RunPiece(Piece):
         "deltac.simulation.ensemble.ensemble",
         "llvmlite.binding",
     )
-    kinds = OUTCOME
+    kinds = RUN_OUTCOME
     per_row = "values"
 
     task: Task | RefusedRun
@@ -211,7 +211,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
     relative, verdict = judged(error, energy, lost, task.tolerance)
     if (more := _closer(steps)) > records:
         accused = np.flatnonzero((relative > task.tolerance) & ~lost)
-        for some in np.array_split(accused, math.ceil(len(accused) * more / HELD) or 1):
+        for some in np.array_split(accused, math.ceil(len(accused) * more / NUMBERS_HELD) or 1):
             closer = _extremes(run(some, more)) if len(some) else []
             for values, again in zip((error, energy, *largest), closer):
                 values[some] = np.fmax(values[some], again)
@@ -233,7 +233,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
 
 
 def _closer(steps: int) -> int:
-    """At how many times runs of so many steps are looked at closer: a divisor, `CLOSER` or a few more."""
+    """Times at which a run of so many steps is examined: a divisor of these, `CLOSER` or slightly more."""
     return next(k for k in range(min(CLOSER, steps), steps + 1) if steps % k == 0)
 
 
@@ -348,7 +348,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         record=TESTING,
     )
     order = result.observed_order["state"].order if "state" in result.observed_order else None
-    error = float(result.measures.left[-1])
+    error = float(result.errors[-1])
     return {
         "verdict": [result.verdict.kind],
         "confidence": [result.verdict.confidence],

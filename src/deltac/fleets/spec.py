@@ -240,7 +240,7 @@ def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
 
 _HEADER = re.compile(r"\s*\[\[?(?P<header>[^\[\]=]+)\]\]?\s*(#.*)?$")
 _PART = r"\"[^\"]*\"|'[^']*'|[\w\-]+"
-_KEY = re.compile(rf"\s*(?P<key>(?:{_PART})(?:\s*\.\s*(?:{_PART}))*)\s*=")
+_PLAN_KEY = re.compile(rf"\s*(?P<key>(?:{_PART})(?:\s*\.\s*(?:{_PART}))*)\s*=")
 
 
 def line_of(text: str, place: Sequence[int | str]) -> int:
@@ -256,7 +256,7 @@ def line_of(text: str, place: Sequence[int | str]) -> int:
     for number, line in enumerate(text.splitlines(), 1):
         if match := _HEADER.match(line):
             key = header = _dotted(match["header"])
-        elif match := _KEY.match(line):
+        elif match := _PLAN_KEY.match(line):
             key = header + _dotted(match["key"])
         else:
             continue

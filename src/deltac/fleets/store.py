@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 FORMAT = 1
 """Version of the folder; it grows when older programs cannot go on in it."""
 
-HEAD, PLAN, PIECES, ASIDE = "fleet.json", "plan.parquet", "pieces", "aside"
-RESULTS, LOCK = "results.parquet", ".lock"
+HEAD, PLAN, PIECES_FOLDER, ASIDE = "fleet.json", "plan.parquet", "pieces", "aside"
+RESULTS_FILE, LOCK = "results.parquet", ".lock"
 
 ADDRESS = 12
 """Bytes of an address: among 10⁹ rows two are alike with a probability of 6e-12."""
@@ -138,9 +138,9 @@ class Store:
         """Write what the folder is of from now on, within `locked`; returns what it was of before, or {}."""
         before = Store.open(self.folder).head if (self.folder / HEAD).exists() else {}
         with _refusals(self.folder):
-            for name in (PIECES, ASIDE):
+            for name in (PIECES_FOLDER, ASIDE):
                 (self.folder / name).mkdir(exist_ok=True)
-            remove_abandoned(self.folder / PIECES)
+            remove_abandoned(self.folder / PIECES_FOLDER)
         self.write_json(HEAD, self.head)
         return before
 
@@ -170,12 +170,15 @@ class Store:
     def keep(self, content: bytes, addresses: Sequence[str]) -> None:
         """Put a piece of rows into the folder, under the digest of their addresses."""
         name = hashlib.blake2b("".join(addresses).encode(), digest_size=ADDRESS).hexdigest()
-        with _refusals(self.folder), appearing(self.folder / PIECES / f"{name}.parquet") as file:
+        with (
+            _refusals(self.folder),
+            appearing(self.folder / PIECES_FOLDER / f"{name}.parquet") as file,
+        ):
             file.write(content)
 
     def pieces(self) -> list[Path]:
         """The files with rows, in order of their names."""
-        return sorted((self.folder / PIECES).glob("*.parquet"))
+        return sorted((self.folder / PIECES_FOLDER).glob("*.parquet"))
 
     def done(self) -> set[str]:
         """Addresses of the rows that are there; a damaged piece counts for nothing."""
@@ -291,7 +294,7 @@ class Store:
 def _strange(folder: Path) -> bool:
     """Whether a folder without a head holds something else than what is written before it."""
     with _refusals(folder):
-        return any(p.name not in (LOCK, PIECES, ASIDE) for p in folder.iterdir())
+        return any(p.name not in (LOCK, PIECES_FOLDER, ASIDE) for p in folder.iterdir())
 
 
 @contextlib.contextmanager

@@ -79,7 +79,7 @@ def page_of_fleet(
         title=fleet.name,
         asked=f"Which runs of the {fleet.kind} can be trusted, and at which settings?",
         tone=TONES.get(fleet.exit_code, "bad"),
-        word=WORDS.get(fleet.exit_code, "Some have failed"),
+        word=EXIT_WORDS.get(fleet.exit_code, "Some have failed"),
         sentence=f"{fleet.summary().partition(': ')[2]}.",
         numbers=counts,
         chapters=tuple(Chapter(heading, tuple(own)) for heading, own in parts if own),
@@ -89,7 +89,7 @@ def page_of_fleet(
 
 
 TONES: Mapping[int, Tone] = {0: "good", 1: "bad", 3: "doubt"}
-WORDS = {
+EXIT_WORDS = {
     0: "All are consistent",
     1: "Not all can be trusted",
     3: "Some are unresolved",

@@ -19,7 +19,7 @@ from deltac.errors import ArgumentsError, InputError, SpecificationError, Unknow
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import LONG_PIECE, SHARES, Piece
+from deltac.fleets.rows import LONG_PIECE, PIECES_A_WORKER, Piece
 from deltac.fleets.runs import RefusedRun, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
@@ -63,7 +63,7 @@ class SweepPlan(Plan):
         for one in dict.fromkeys(setting.tolist()):
             rows = once[setting == one].tolist()
             most = LONG_PIECE if self.spec.verb == "study" else LARGEST_PIECE
-            share = math.ceil(len(rows) / (SHARES * workers))
+            share = math.ceil(len(rows) / (PIECES_A_WORKER * workers))
             # Whole vectors of any machine, and not so few that calls cost more than they do.
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
             for first in range(0, len(rows), size):

@@ -27,7 +27,7 @@ SERVER = "--server"
 PROGRAM = (sys.executable, "-P", "-m", "deltac.foreign.worker")
 """The command of a worker. -P: what lies in the folder where deltac is called is not imported."""
 
-MOST = 1 << 17
+LONGEST_MESSAGE = 1 << 17
 """Bytes of a message, most of which are environment variables."""
 
 PARENT_DEATH = 1
@@ -108,12 +108,12 @@ class ForkServer:
     def ask(self, request: Mapping[str, Any], files: Sequence[int] = ()) -> dict[str, Any] | None:
         """Its answer to a request; None if it is gone."""
         content = json.dumps(request).encode()
-        if len(content) > MOST:
+        if len(content) > LONGEST_MESSAGE:
             return None
         with self._lock:
             try:
                 socket.send_fds(self._socket, [content], files)
-                answer = self._socket.recv(MOST)
+                answer = self._socket.recv(LONGEST_MESSAGE)
             except OSError:
                 return None
             except (
@@ -160,7 +160,7 @@ def serve(work: Callable[[], None]) -> None:
     control = socket.socket(fileno=os.dup(0))
     own = os.getpid()
     while True:
-        message, files, _, _ = socket.recv_fds(control, MOST, 2)
+        message, files, _, _ = socket.recv_fds(control, LONGEST_MESSAGE, 2)
         if not message:
             os._exit(0)
         request = json.loads(message)

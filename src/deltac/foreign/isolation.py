@@ -29,7 +29,7 @@ from typing import IO, Any, Concatenate, ParamSpec, TypeVar
 
 from deltac.errors import FileError, InputError
 from deltac.foreign.forking import PROGRAM, ForkedWorker, forked_worker, load
-from deltac.foreign.limits import SMALL, Limits, free_memory
+from deltac.foreign.limits import SMALL_FILE, Limits, free_memory
 
 try:
     import resource
@@ -39,7 +39,7 @@ except ImportError:  # Windows
 P = ParamSpec("P")
 T = TypeVar("T")
 
-VARIABLE = "DELTAC_ISOLATION"
+ISOLATION_VARIABLE = "DELTAC_ISOLATION"
 """Environment variable; "off" has logs decoded in the process that asks for them."""
 
 
@@ -171,7 +171,7 @@ def _isolating() -> bool:
     """Whether this process starts workers: it is none itself, and runs an interpreter that can be started."""
     return (
         not INSIDE
-        and os.environ.get(VARIABLE, "") != "off"
+        and os.environ.get(ISOLATION_VARIABLE, "") != "off"
         and sys.platform not in ("emscripten", "wasi")
         # Of a program that embeds Python, `executable` is the program.
         and "python" in os.path.basename(sys.executable or "").lower()
@@ -190,12 +190,12 @@ def _bounded(
     args: Sequence[Any],
     kwargs: dict[str, Any],
 ) -> Any:
-    most = COPIES * min(limits.bytes, max(SMALL, limits.expansion * size)) + ROOM
+    most = DECODER_COPIES * min(limits.bytes, max(SMALL_FILE, limits.expansion * size)) + ROOM
     with limits.applied(), more_memory(min(most, free_memory() or most)):
         return read(path, *args, **kwargs)
 
 
-COPIES, ROOM = 4, 2**30
+DECODER_COPIES, ROOM = 4, 2**30
 """How often decoders hold what they unpack, and bytes that they take beside it."""
 
 

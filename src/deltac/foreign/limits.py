@@ -26,9 +26,9 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-VARIABLE = "DELTAC_LIMITS"
+LIMITS_VARIABLE = "DELTAC_LIMITS"
 
-SMALL = 256 * 2**20
+SMALL_FILE = 256 * 2**20
 """Bytes that any file may unpack to, however small it is."""
 
 
@@ -75,7 +75,7 @@ class Limits:
     @staticmethod
     def current() -> Limits:
         """The limits in force: of the innermost `applied`, else of ``DELTAC_LIMITS``, else the usual."""
-        return _applied.get() or _of_environment(os.environ.get(VARIABLE, ""))
+        return _applied.get() or _of_environment(os.environ.get(LIMITS_VARIABLE, ""))
 
     @contextmanager
     def applied(self) -> Iterator[Limits]:
@@ -97,14 +97,14 @@ class Limits:
         limit = getattr(self, name)
         raise LimitError(
             f"{problem}, more than the limit of {_amount(limit, name)}. If that is meant, raise "
-            f"{name!r}: {VARIABLE}={name}={int(max(2 * limit, needed))} in the environment, or "
+            f"{name!r}: {LIMITS_VARIABLE}={name}={int(max(2 * limit, needed))} in the environment, or "
             f"'with deltac.Limits({name}=…).applied():' around the call"
         )
 
     def check_unpacked(self, unpacked: float, size: int, copies: float = 1.0) -> None:
         """Raise InputError if `size` bytes of a file unpack to too many, or to more than memory holds."""
         self.check("bytes", unpacked, "it unpacks to")
-        if unpacked > max(SMALL, self.expansion * size):
+        if unpacked > max(SMALL_FILE, self.expansion * size):
             self.refuse(
                 "expansion",
                 f"its {_amount(size, 'bytes')} unpack to {_amount(unpacked, 'bytes')}, "
@@ -125,12 +125,14 @@ def _of_environment(text: str) -> Limits:
     for entry in text.replace(",", " ").split():
         name, _, value = entry.partition("=")
         if name not in names:
-            raise UnknownName(f"{VARIABLE}: unknown limit {shown(name)}{closest(name, names)}")
+            raise UnknownName(
+                f"{LIMITS_VARIABLE}: unknown limit {shown(name)}{closest(name, names)}"
+            )
         try:
             limits[name] = int(float(value))
         except (ValueError, OverflowError):
             raise LimitError(
-                f"{VARIABLE}: {name} is {shown(value)}, expected a whole number"
+                f"{LIMITS_VARIABLE}: {name} is {shown(value)}, expected a whole number"
             ) from None
     return Limits(**limits)  # type: ignore[arg-type]
 

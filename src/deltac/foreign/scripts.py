@@ -48,7 +48,7 @@ EVERYTHING = "*"
 FUTURE = sum(getattr(__future__, name).compiler_flag for name in __future__.all_feature_names)
 
 DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-NUMBERS = (
+NUMBER_NODES = (
     ast.Constant, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop, ast.Name, ast.expr_context, ast.Tuple
 )  # fmt: skip
 """What expressions consist of whose values are numbers and tuples of them, if those of their names are."""
@@ -57,8 +57,17 @@ SURROUNDINGS = frozenset({"os", "sys", "site"})
 """Packages whose calls tell Python where it is, and where it finds modules."""
 
 
-MEMORY = 4 * 1024**3
+FUNCTION_MEMORY = 4 * 1024**3
 """Bytes that a user's function may take, where it is called in a process of its own."""
+
+
+def needs_nothing(value: Any) -> bool:
+    """Whether a value can be called without arguments, as far as it says."""
+    try:
+        parameters = inspect.signature(value).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    return all(p.default is not p.empty or p.kind is p.VAR_KEYWORD for p in parameters)
 
 
 def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
@@ -73,11 +82,9 @@ def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
         value = getattr(value, part)
     if isinstance(value, type):
         value = value()
-    with suppress(TypeError, ValueError):
-        parameters = inspect.signature(value).parameters.values()
-        if all(p.default is not p.empty for p in parameters):
-            result = value()
-            value = result if callable(result) else value
+    if needs_nothing(value):
+        result = value()
+        value = result if callable(result) else value
     function: Callable[..., Any] = getattr(value, "rhs", value)
     return function
 
@@ -91,7 +98,7 @@ def returned(text: str, name: str, folder: str, calls: Sequence[Sequence[Any]]) 
     sys.modules[module.__name__] = module  # dataclasses look their module up
     sys.path.insert(0, folder)
     try:
-        with np.errstate(all="ignore"), more_memory(MEMORY):
+        with np.errstate(all="ignore"), more_memory(FUNCTION_MEMORY):
             exec(compile(text, "equations", "exec"), vars(module))
             function = function_named(vars(module), name)
             return [_numbers(function(*arguments)) for arguments in calls]
@@ -465,4 +472,4 @@ def _of_constants(node: ast.stmt) -> bool:
         return True
     value = getattr(node, "value", None)
     parts = list(ast.walk(value)) if isinstance(value, ast.expr) else [node]
-    return all(isinstance(part, NUMBERS) for part in parts)
+    return all(isinstance(part, NUMBER_NODES) for part in parts)

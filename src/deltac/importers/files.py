@@ -6,10 +6,10 @@ from pathlib import Path
 
 from deltac.errors import ModelError
 
-BASES = ("fixed", "free")
+BASE_KINDS = ("fixed", "free")
 """What bears the root link of a URDF file: the ground, or a free joint."""
 
-IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
+MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf", ".sdf")
 """Suffixes of the files that are read."""
 
 
@@ -20,9 +20,9 @@ def with_base(source: str | Path) -> tuple[Path, str | None]:
     """
     file, colon, base = str(source).rpartition(":")
     path = Path(file)
-    if colon and path.suffix.lower() == ".sdf" and base not in BASES:
+    if colon and path.suffix.lower() == ".sdf" and base not in BASE_KINDS:
         return path, base
-    if not (colon and path.suffix.lower() in IMPORTED and base in BASES):
+    if not (colon and path.suffix.lower() in MODEL_SUFFIXES and base in BASE_KINDS):
         return Path(source), None
     if path.suffix.lower() != ".urdf":
         raise ModelError(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac import shapes
 from deltac.calls.arguments import checked
-from deltac.importers.mujoco import load_model
+from deltac.importers.mujoco import BOX, CAPSULE, PLANE, SPHERE, load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
 from deltac.mechanism import Shape, as_rotation
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from mujoco import MjModel, MjSpec
-
-PLANE, SPHERE, CAPSULE, BOX = 0, 2, 3, 6
-"""Values of `mjtGeom`."""
 
 
 @checked

@@ -20,7 +20,7 @@ from deltac.errors import FileError, InputError, ModelError, PackageError, Wrong
 from deltac.foreign.files import read_bytes
 from deltac.foreign.isolation import INSIDE, more_memory
 from deltac.foreign.limits import Limits, free_memory
-from deltac.importers.files import BASES, with_base
+from deltac.importers.files import BASE_KINDS, with_base
 from deltac.importers.names import (
     actuator_names,
     body_names,
@@ -75,7 +75,7 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
     that it cannot compile, and for any other source.
     """
     mujoco = require_mujoco()
-    if base not in BASES:
+    if base not in BASE_KINDS:
         raise InputError(f"base: expected 'fixed' or 'free', found {base!r}")
     if isinstance(source, mujoco.MjModel):
         return source, "an MjModel", [], None
@@ -164,8 +164,8 @@ def _try_apart(path: Path) -> None:
             raise FileError(
                 f"model file {path.name!r} names {shown(name)}, which is not a regular file"
             )
-    counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
-    if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
+    counts = (float(n) for entry in _COUNTS.findall(text) for n in _COUNTED.findall(entry))
+    if len(text) < _PLAIN and max(counts, default=0.0) <= _LARGE_MODEL and "<include" not in text:
         return
     code = (
         "import sys, mujoco\n"
@@ -196,8 +196,8 @@ def _try_apart(path: Path) -> None:
 
 
 _FILES = re.compile(r"""\bfile\s*=\s*["']([^"']*)["']""")
-_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
-_PLAIN, _MANY = 2**20, 500.0  # bytes of a file, and of its largest count
+_COUNTED = re.compile(r"\d+(?:\.\d+)?(?:[eE]\+?\d+)?", re.ASCII)
+_PLAIN, _LARGE_MODEL = 2**20, 500.0  # bytes of a file, and of its largest count
 _COUNTS = re.compile(r"""\b(?:count|nrow|ncol|width|height|cellcount)\s*=\s*["']([^"']*)["']""")
 
 

@@ -38,10 +38,10 @@ from deltac.importers.urdf import xml_root
 from deltac.joints import Joint
 from deltac.mechanism import GROUND, Holonomic, JointOptions, Loop, Mechanism
 
-GRAVITY = (0.0, 0.0, -9.8)
+DEFAULT_GRAVITY = (0.0, 0.0, -9.8)
 """Where no world says otherwise (m/s²); SDFormat's default."""
 
-KINDS = ("revolute", "continuous", "prismatic", "ball", "universal", "screw", "fixed")
+SDF_JOINTS = ("revolute", "continuous", "prismatic", "ball", "universal", "screw", "fixed")
 LOOPS = ("revolute", "continuous", "prismatic", "ball", "universal", "fixed")
 """Kinds of joints that can close a loop."""
 
@@ -141,7 +141,7 @@ class _SdfReader:
         tree = set(carriers.values())
         loops = [self.loop(name) for name in self.joints if name not in tree]
         self.left_out()
-        gravity = GRAVITY
+        gravity = DEFAULT_GRAVITY
         if self.world is not None and (gravity_text := self.world.findtext("gravity")) is not None:
             x, y, z = self.numbers(gravity_text, 3, "gravity")
             gravity = (x, y, z)
@@ -315,9 +315,9 @@ class _SdfReader:
         """Where a joint is on its links."""
         joint = self.joints[name]
         kind = joint.get("type", "")
-        if kind not in KINDS:
+        if kind not in SDF_JOINTS:
             raise ModelError(
-                f"{self.file}: joint {name!r}: type {shown(kind)} is not read{closest(kind, KINDS)}"
+                f"{self.file}: joint {name!r}: type {shown(kind)} is not read{closest(kind, SDF_JOINTS)}"
             )
         parent, child = self.end(joint, "parent"), self.end(joint, "child")
         R, p = self.world_pose(name)

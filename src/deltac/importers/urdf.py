@@ -29,8 +29,8 @@ from deltac.importers.report import Remark
 
 _SHAPES = ("visual", "collision")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_OWN = {"inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass"}
+_DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_COMPILER_OWN = {"inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass"}
 _ROUNDING = (
     1e-9,
     1e-12,
@@ -120,7 +120,7 @@ def read_urdf(path: Path) -> Urdf:
         raise ModelError(f"model file {path.name!r} has no <robot> with links; is it URDF?")
     links: dict[str, LinkInertia] = {}
     remarks: list[Remark] = []
-    own = [c for c in root.findall("mujoco/compiler") if _OWN & set(c.attrib)]
+    own = [c for c in root.findall("mujoco/compiler") if _COMPILER_OWN & set(c.attrib)]
     if not own:  # else the file itself asks MuJoCo for other inertias
         for link in root.findall("link"):
             name = link.get("name") or ""
@@ -190,7 +190,7 @@ def numbers(element: ElementTree.Element | None, key: str, count: int, where: st
     if text is None:
         return [0.0] * count
     words = text.split()
-    if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
+    if len(words) != count or not all(_DECIMAL.fullmatch(word) for word in words):
         raise ModelError(f"{where} is {shown(text)}, expected {count} numbers")
     values = [float(word) for word in words]
     if not all(math.isfinite(value) for value in values):

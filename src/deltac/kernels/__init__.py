@@ -17,6 +17,7 @@ from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_nam
 from deltac.kernels.kernel import Kernel
 from deltac.kernels.lowering import to_heyoka, to_mpmath, to_sympy
 from deltac.kernels.parallel import cores
+from deltac.kernels.rows import compiled_rows
 from deltac.kernels.simd import AVX512_WIDTH
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "cores",
     "evaluator_name",
     "compiled",
+    "compiled_rows",
     "prepare_heyoka",
     "to_heyoka",
     "to_mpmath",

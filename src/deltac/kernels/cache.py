@@ -38,22 +38,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.foreign.files import UNFINISHED, appearing, remove_abandoned
 from deltac.kernels.simd import processor
 
 T = TypeVar("T")
 
-LIMIT = 256 * 2**20
+CACHE_BYTES = 256 * 2**20
 """Bytes that the cache takes at most; beyond it, what was not used for longest goes."""
 
-KEPT = LIMIT // 4 * 3
+KEPT = CACHE_BYTES // 4 * 3
 """Bytes that are left after that."""
 
 FINISHED = re.compile(r"[0-9a-f]{40}\.kernel")
 """Names of our files: the folder may be the user's, with other things in it."""
 
-_COMPILED = re.compile(r"taylor_adaptive_\w+")
+HEYOKA_CLASSES = re.compile(r"taylor_adaptive_\w+")
 """Classes of heyoka that are kept."""
 
 _SEAL = 32  # bytes of the digest, and of the key
@@ -101,6 +102,7 @@ def cache_wanted() -> bool:
     return setting == "on"
 
 
+@checked
 def cache_info() -> CacheInfo:
     """The state of the cache on disk; compiles nothing and loads no compiler."""
     folder = cache_folder()
@@ -111,10 +113,11 @@ def cache_info() -> CacheInfo:
         folder is not None and _writable(folder),
         len(files),
         sum(size for _, size, _ in files),
-        LIMIT,
+        CACHE_BYTES,
     )
 
 
+@checked
 def clear_cache() -> None:
     """Remove what the cache holds on disk; kernels already compiled stay usable.
 
@@ -157,6 +160,7 @@ def compiled(source: str, make: Callable[[], T], folder: Path | None = None) -> 
     return code
 
 
+@checked
 def verify_cache() -> dict[str, str]:
     """Files of the cache that would not be used -> what is wrong with them; runs nothing."""
     folder = cache_folder()
@@ -174,7 +178,7 @@ def verify_cache() -> dict[str, str]:
     return states
 
 
-MEMORY = 64 << 20
+HEYOKA_MEMORY = 64 << 20
 """Bytes of compiled code that heyoka itself keeps; its own limit is 2 GB a process."""
 
 
@@ -192,7 +196,7 @@ def prepare_heyoka() -> str:
 
     hy.set_logger_level_error()  # its warnings go to standard output, among the results
     hy.llvm_state.set_diskcache_enabled(False)
-    hy.llvm_state.set_memcache_limit(MEMORY)
+    hy.llvm_state.set_memcache_limit(HEYOKA_MEMORY)
     return f"heyoka {hy.__version__}, {our_code()}"
 
 
@@ -234,7 +238,7 @@ def _content(file: Path, secret: bytes) -> bytes | None:
             raise _Unsealed("is no regular file")
         if problem := _foreign(about):
             raise _Unsealed(problem)
-        seal, content = stream.read(_SEAL), stream.read(LIMIT + 1)
+        seal, content = stream.read(_SEAL), stream.read(CACHE_BYTES + 1)
     if not hmac.compare_digest(seal, _seal(file.name, content, secret)):
         raise _Unsealed("is damaged, or was not written by this user under this name")
     return content
@@ -275,7 +279,7 @@ def _unpacked(content: bytes) -> Any:
     if kind == b"json":
         return json.loads(rest)
     name = kind.decode().removeprefix("heyoka ")
-    if not _COMPILED.fullmatch(name):
+    if not HEYOKA_CLASSES.fullmatch(name):
         raise ValueError(f"no class of compiled objects: {name!r}")
     constructor = getattr(importlib.import_module("heyoka._core"), name)
     value = constructor.__new__(constructor)
@@ -377,8 +381,8 @@ _written: dict[Path, int] = {}
 
 def _make_room(folder: Path, size: int) -> None:
     """Look now and then how full the folder is: where it holds thousands of files, that takes a while."""
-    _written[folder] = _written.get(folder, LIMIT) + size
-    if _written[folder] > LIMIT // 64:
+    _written[folder] = _written.get(folder, CACHE_BYTES) + size
+    if _written[folder] > CACHE_BYTES // 64:
         _written[folder] = 0
         _evict(folder)
 
@@ -388,7 +392,7 @@ def _evict(folder: Path) -> None:
     remove_abandoned(folder)
     files = sorted(_files(folder, FINISHED), key=lambda entry: entry[2])
     size = sum(entry[1] for entry in files)
-    if size <= LIMIT:
+    if size <= CACHE_BYTES:
         return
     for file, own, _ in files:
         if size <= KEPT:

@@ -41,7 +41,7 @@ class Evaluator(Protocol):
         """
 
 
-class Loop(Protocol):
+class NativeLoop(Protocol):
     """A function `x ← f(x, p)`, ready to be run over and over in native code."""
 
     def iterate(self, rows: Array, parameters: Array) -> None:
@@ -91,7 +91,7 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
     return CasadiEvaluator(simplified(function))
 
 
-def compile_loop(function: Any) -> Loop:
+def compile_loop(function: Any) -> NativeLoop:
     """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
     if (native := _machine_code(function, batches=False)) is not None:
         return native
@@ -101,7 +101,7 @@ def compile_loop(function: Any) -> Loop:
 
 
 def _machine_code(function: Any, batches: bool) -> NativeEvaluator | None:
-    """The function compiled, as an `Evaluator` and a `Loop`; None where it is to be interpreted."""
+    """The function compiled, as an `Evaluator` and a `NativeLoop`; None where it is to be interpreted."""
     chosen = bool(os.environ.get("DELTAC_EVALUATOR", "").strip())
     if evaluator_name() == "casadi":
         if not chosen:

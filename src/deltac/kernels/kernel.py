@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
-from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
+from deltac.kernels.evaluators import Evaluator, NativeLoop, compile_function, compile_loop
 from deltac.kernels.lowering import simplified
 
 SX: TypeAlias = Any  # casadi.SX
 
-AT_ONCE = 1032
+BLOCK_STATES = 1032
 """States in a block of a named evaluation: they stay in a core's cache on the way through the kernel, and
 their rows are not a power of two apart.
 """
@@ -118,7 +118,7 @@ class Kernel:
         return self._for_batches.width if self.n_out else 1
 
     @cached_property
-    def _loop(self) -> Loop:
+    def _loop(self) -> NativeLoop:
         return compile_loop(self._written)
 
     def compile(self, *, single: bool = False) -> Kernel:
@@ -286,8 +286,8 @@ class Kernel:
                 f"({times}, {self.n_parameters})"
             )
         parts = []
-        for start in range(0, max(times, 1), AT_ONCE):
-            block = slice(start, min(start + AT_ONCE, times))
+        for start in range(0, max(times, 1), BLOCK_STATES):
+            block = slice(start, min(start + BLOCK_STATES, times))
             x = np.empty((self.n_in, block.stop - start))
             for key, where in self.input_slices.items():
                 x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][block]).T

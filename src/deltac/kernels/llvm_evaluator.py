@@ -16,7 +16,7 @@ import llvmlite.binding as llvm
 from deltac.calls.interrupts import waiting
 from deltac.kernels.cache import compiled, our_code
 from deltac.kernels.lowering import LIBRARY, PREFIX, simplified
-from deltac.kernels.native import FUNCTIONS, NativeEvaluator
+from deltac.kernels.native import NATIVE_FUNCTIONS, NativeEvaluator
 from deltac.kernels.simd import AVX512_WIDTH, simd_width
 
 OPTIMISATION = 1
@@ -33,7 +33,7 @@ def llvm_evaluator(function: Any, batches: bool = True) -> NativeEvaluator:
         return waiting(lambda: _made(simple, width, batches))
 
     code = compiled(repr(source), make)
-    return NativeEvaluator(function, _loaded(code, FUNCTIONS), width)
+    return NativeEvaluator(function, _loaded(code, NATIVE_FUNCTIONS), width)
 
 
 def _machine() -> Any:

@@ -1,9 +1,10 @@
 """A CasADi function as text of LLVM's intermediate representation: the code that is compiled for it.
 
-The instructions are replayed on a `Tape` (`lowering.lower`), which knows equal ones again, and what no output
-needs is left out. The tape is cut into pieces, a function each, for the time of LLVM's passes grows faster
-than the length of what they look at: 50 000 instructions in pieces compile in half the time. What one piece
-finds and a later one reads goes through memory, as most of it would anyway: a processor has 32 registers.
+The instructions are replayed on an `InstructionTape` (`lowering.lower`), which knows equal ones again.
+What no output needs is left out. The tape is cut into pieces, a function each, for the time of LLVM's
+passes grows faster than the length of what they look at: 50 000 instructions in pieces compile in half the
+time. What one piece finds and a later one reads goes through memory, as most of it would anyway: a
+processor has 32 registers.
 
 Products and sums may be fused (`contract`), nothing else is reordered: what comes out depends on the
 instructions and the kind of processor alone. Sines and cosines are written out (`lowering.sine`); other
@@ -40,7 +41,7 @@ COPIED = PIECE // 8
 """Outputs that are constants or inputs in a piece: LLVM's time grows with the square of their number."""
 
 
-BLOCK = 4
+VECTORS_A_PIECE = 4
 """Vectors that go through a piece of code longer than `INSTRUCTIONS_CACHED` before the next one begins.
 
 Chains of 30 and 100 joints take four fifths of the time so.
@@ -53,7 +54,7 @@ LARGEST_POWER = 16
 _BINARY = ("fadd", "fsub", "fmul", "fdiv")
 
 
-class Tape:
+class InstructionTape:
     """Instructions in order: a code and its operands, each the place of another one.
 
     Codes: ``x`` and ``p`` (inputs, by place), ``const`` (by bits), those of LLVM for arithmetic, ``select``
@@ -99,7 +100,7 @@ class Value:
 
     __slots__ = ("place", "tape")
 
-    def __init__(self, tape: Tape, place: int) -> None:
+    def __init__(self, tape: InstructionTape, place: int) -> None:
         self.tape, self.place = tape, place
 
     def __add__(self, other: Value | float) -> Value:
@@ -144,7 +145,7 @@ class Value:
         return 1.0 / product if exponent < 0 else product
 
 
-def _algebra(tape: Tape) -> Algebra:
+def _algebra(tape: InstructionTape) -> Algebra:
     def both(a: Value, b: Value) -> Value:
         return tape.select(a, tape.compare("une", b, 0.0), 0.0)
 
@@ -201,7 +202,7 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
     Raises:
         InputError: an operation that is not in the tables.
     """
-    tape = Tape()
+    tape = InstructionTape()
     inputs = [[tape.put(kind, k) for k in range(function.nnz_in(i))] for i, kind in enumerate("xp")]
     (outputs,) = lower(function, inputs, _algebra(tape))
     places = [value.place for value in outputs]
@@ -225,7 +226,10 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
     text = [
         *(piece.text(k) for k, piece in enumerate(pieces)),
         _evaluate(
-            width, len(pieces), len(carried), BLOCK if len(needed) > INSTRUCTIONS_CACHED else 1
+            width,
+            len(pieces),
+            len(carried),
+            VECTORS_A_PIECE if len(needed) > INSTRUCTIONS_CACHED else 1,
         ),
     ]
     text += [_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)), CALL]

@@ -53,7 +53,7 @@ COSINE = (
 TO_INTEGER = 1.5 * 2.0**52
 """Added to a number and taken away again it leaves the nearest integer, of two the even one."""
 
-LARGEST = math.radians(1.0) / EPS
+LARGEST_ANGLE = math.radians(1.0) / EPS
 """Angle (rad) up to which the quadrant is found: beyond it, neighbouring numbers are degrees apart."""
 
 
@@ -86,7 +86,7 @@ def _turned(x: Scalar, select: Any, below: Any) -> tuple[Scalar, Scalar, Scalar,
     r = x
     for part in HALF_PI:
         r = r - k * part
-    z = select(below(x * x, LARGEST**2), r * r, math.nan)
+    z = select(below(x * x, LARGEST_ANGLE**2), r * r, math.nan)
     s = r + (r * z) * _polynomial(SINE, z)
     c = (1.0 - 0.5 * z) + (z * z) * _polynomial(COSINE, z)
     return s, c, _quarter_turns(k + 1.0), _quarter_turns(k)

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from deltac.arrays import Array
 from deltac.errors import InputError
 
-FUNCTIONS = ("evaluate", "iterate", "call")
+NATIVE_FUNCTIONS = ("evaluate", "iterate", "call")
 """What code has to hold.
 
 ``evaluate(x, y, p, stride, n)``: n columns, rows `stride` numbers apart. Of code for one state:
@@ -25,7 +25,7 @@ _CALL = ctypes.PYFUNCTYPE(None, _POINTER)  # keeps the GIL: giving it up takes l
 
 
 class Code(Protocol):
-    """Addresses of `FUNCTIONS` by name; what lies there stays as long as this object."""
+    """Addresses of `NATIVE_FUNCTIONS` by name; what lies there stays as long as this object."""
 
     def __getitem__(self, name: str, /) -> int:
         """The address of a function."""

@@ -15,18 +15,18 @@ from deltac.kernels.casadi_evaluator import on_arrays
 from deltac.kernels.evaluators import evaluator_name
 from deltac.kernels.kernel import SX, Kernel
 
-LONG = 2000
+LONG_CODE = 2000
 """Instructions from which on it pays to compile for a single log what is evaluated often: that takes as long
 as to interpret it at some 20 000 rows; what is shorter takes milliseconds either way.
 """
 
 
-class Expression:
+class RowExpression:
     """An expression of columns, evaluated at many rows.
 
     It is interpreted by CasADi's machine, or compiled: where it is wanted `often` for a single log and is
-    `LONG`, and inside `compiled`. What was evaluated before decides nothing, so that the results of a log
-    are the same to the last bit.
+    `LONG_CODE`, and inside `compiled_rows`. What was evaluated before decides nothing, so that the results
+    of a log are the same to the last bit.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Expression:
 
     @cached_property
     def _worth_it(self) -> bool:
-        long = self.function.n_instructions() >= LONG
+        long = self.function.n_instructions() >= LONG_CODE
         return self._often and long and evaluator_name() == "llvm"
 
     def __call__(self, *columns: Array) -> list[Array]:
@@ -72,7 +72,7 @@ _COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_expressions", default=
 
 
 @contextmanager
-def compiled() -> Iterator[None]:
+def compiled_rows() -> Iterator[None]:
     """Compile expressions of any length: where many logs of one model follow."""
     token = _COMPILED.set(True)
     try:
@@ -91,7 +91,7 @@ def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     count = len(columns[0])
     inputs = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
     outputs = [np.empty((count, function.nnz_out(k))) for k in range(function.n_out())]
-    block = BLOCK if function.n_instructions() < LONG else 1
+    block = ROWS_A_CALL if function.n_instructions() < LONG_CODE else 1
     whole = count - count % block
     for first, last, size in ((0, whole, block), (whole, count, count - whole)):
         if first == last:
@@ -119,6 +119,6 @@ def whole_output(function: ca.Function, k: int, stored: Array) -> Array:
     return entries
 
 
-BLOCK = 64
-"""Rows of a call of CasADi's machine, which takes as long as some hundred instructions; of what is `LONG`
-one: to repeat its code takes longer."""
+ROWS_A_CALL = 64
+"""Rows of a call of CasADi's machine, which takes as long as some hundred instructions; one of what is
+`LONG_CODE`: to repeat its code takes longer."""

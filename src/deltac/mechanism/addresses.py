@@ -16,10 +16,15 @@ from typing import Any
 from deltac.errors import UnknownName, closest
 from deltac.mechanism.polynomials import Polynomial
 
-GROUPS = {"bodies": "body", "joints": "joint", "forces": "force", "constraints": "constraint"}
+NUMBERED_PARTS = {
+    "bodies": "body",
+    "joints": "joint",
+    "forces": "force",
+    "constraints": "constraint",
+}
 """The parts of a mechanism whose numbers have names, and how these begin."""
 
-ADDRESSED = (*GROUPS.values(), "gravity")
+ADDRESSED = (*NUMBERED_PARTS.values(), "gravity")
 """What the names begin with."""
 
 _DIRECTIONS = ("axis", "axes", "normal", "lateral", "rotation")
@@ -58,7 +63,7 @@ def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
     if not addresses:
         return mechanism
     available, places = numbers(mechanism), _places(mechanism)
-    groups = {group: list(getattr(mechanism, group)) for group in GROUPS}
+    groups = {group: list(getattr(mechanism, group)) for group in NUMBERED_PARTS}
     gravity = list(mechanism.gravity)
     for name in addresses:
         if name not in available:
@@ -86,7 +91,7 @@ def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
     """The places of each number: of a product of inertia there are two."""
     places: dict[str, list[_Place]] = {}
     owners: dict[str, tuple[str, int]] = {}
-    for group, prefix in GROUPS.items():
+    for group, prefix in NUMBERED_PARTS.items():
         for k, part in enumerate(getattr(mechanism, group)):
             joint = getattr(part, "joint", None) if group == "forces" else None
             for field in fields(part):

@@ -78,6 +78,16 @@ class ChannelName(str):
         return ChannelName, (self.kind, self.element)
 
 
+CORRECTIONS = ("correction kinetic", "correction potential")
+"""Integrals of what projections and corrections of the energy did to K and to V, J."""
+
+ENERGY_CORRECTION = ChannelName("correction", "energy")
+"""The integral of what corrections of the energy did to K + V, J, and the channel of that work."""
+
+BOOKED = (*CORRECTIONS, ENERGY_CORRECTION)
+"""All integrals in which a run books what it corrected."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """One channel of energy flow, in the symbols of a traced mechanism.

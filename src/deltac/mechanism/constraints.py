@@ -18,7 +18,7 @@ from deltac.mechanism.laws import LawLike, as_law, symbol_names
 from deltac.mechanism.parts import (
     AnyBody,
     Axis,
-    Kind,
+    FieldKind,
     LawOfMotion,
     LawOfPlace,
     LawOfTime,
@@ -189,13 +189,13 @@ def _equations(value: Any, where: str) -> tuple[Any, ...]:
     return equations
 
 
-LawOfSurface: TypeAlias = Annotated[Any, Kind(_surface, "on_surface")]
+LawOfSurface: TypeAlias = Annotated[Any, FieldKind(_surface, "on_surface")]
 """A law of t and of x, y, z in the frame of a body, zero on the surface and with a slope there."""
 
-LawsOfSurface: TypeAlias = Annotated[Any, Kind(_equations, "on_surface")]
+LawsOfSurface: TypeAlias = Annotated[Any, FieldKind(_equations, "on_surface")]
 """Laws of t and of x, y, z in the frame of a body."""
 
-VectorOfSurface: TypeAlias = Annotated[Any, Kind(vector, "on_surface")]
+VectorOfSurface: TypeAlias = Annotated[Any, FieldKind(vector, "on_surface")]
 
 
 @constructor

@@ -40,7 +40,7 @@ class Entries:
 
     entries: tuple[Entry, ...]
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """All names, in order."""
         return tuple(entry.name for entry in self.entries)

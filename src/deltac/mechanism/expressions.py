@@ -59,7 +59,7 @@ _SUPPORTED = frozenset(
     [*(f.sympy for f in FUNCTIONS.values()), *_STRUCTURE, *_CONDITIONS, *RELATIONS]
 )
 
-_REMEDIES = {
+_SYMPY_REMEDIES = {
     "Derivative": "; write u.<speed> for a rate, or differentiate with real symbols and .doit()",
     "Integral": "; integrate in closed form first",
     "Heaviside": "; write Piecewise or where(condition, a, b)",
@@ -101,7 +101,7 @@ def problem_of(expr: Expr, visited: set[Expr]) -> str:
         if node is sympy.zoo:
             return "division by zero"
         if not (node.is_Number or node.is_NumberSymbol or name in _SUPPORTED):
-            return f"{name} is not supported in a law{_REMEDIES.get(name, '')}"
+            return f"{name} is not supported in a law{_SYMPY_REMEDIES.get(name, '')}"
         if name == "Piecewise" and node.args[-1].cond != sympy.true:
             return f"{node} says nothing where no condition holds; add a last branch (value, True)"
     # Inner numbers before those that they make: of a tower, only the first storeys are evaluated.

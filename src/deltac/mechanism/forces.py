@@ -18,8 +18,8 @@ from deltac.mechanism.laws import LawLike, LawsLike, VectorLike, as_law, symbol_
 from deltac.mechanism.parts import (
     AnyBody,
     Constants,
+    FieldKind,
     JointName,
-    Kind,
     Law,
     LawsOfMotion,
     LawsOfTime,
@@ -423,7 +423,7 @@ def _fractions(value: Any, where: str) -> tuple[tuple[str, Quantity], ...]:
     return tuple((body, as_law(c, f"{where}, {body!r}")) for body, c in pairs)
 
 
-Fractions: TypeAlias = Annotated[Any, Kind(_fractions)]
+Fractions: TypeAlias = Annotated[Any, FieldKind(_fractions)]
 """Fractions by the names of bodies."""
 
 
@@ -467,8 +467,8 @@ def _spring_kinds(*laws: Any) -> tuple[str, ...]:
 def joint_spring(
     name: str,
     joint: str,
-    stiffness: LawLike | None = None,
-    rest: LawLike = 0.0,
+    stiffness: LawsLike | None = None,
+    rest: LawsLike = 0.0,
     *,
     torque: LawLike | None = None,
     potential: LawLike | None = None,

@@ -20,8 +20,8 @@ from deltac.mechanism.parts import (
     Axis,
     Constant,
     Declared,
+    FieldKind,
     JointName,
-    Kind,
     Law,
     LawOfMotion,
     Point,
@@ -135,7 +135,7 @@ def as_friction(value: Any, where: str) -> FrictionLaw:
     return value if isinstance(value, FrictionLaw) else FrictionLaw(as_law(value, where))
 
 
-Friction: TypeAlias = Annotated[Any, Kind(as_friction)]
+Friction: TypeAlias = Annotated[Any, FieldKind(as_friction)]
 """A friction law, or Coulomb's coefficient."""
 
 

@@ -23,7 +23,7 @@ from deltac.mechanism.expressions import (
     symbol_of,
 )
 from deltac.mechanism.polynomials import (
-    EXACT,
+    LARGEST_EXACT,
     Polynomial,
     is_finite,
     path_of,
@@ -38,7 +38,7 @@ MAX_EXPONENT = 1024  # also in bits, of the integers that a power makes: beyond 
 RESERVED = frozenset([*FUNCTIONS, "where", "q", "u", "pi"])
 """Names that stand for no symbol."""
 
-COMPARISONS: dict[type[ast.cmpop], Callable[[Expr, Expr], Expr]] = {
+COMPARISON_OPERATORS: dict[type[ast.cmpop], Callable[[Expr, Expr], Expr]] = {
     ast.Lt: operator.lt,
     ast.LtE: operator.le,
     ast.Gt: operator.gt,
@@ -158,7 +158,7 @@ class _Reader:
             self.fail(node, 'quotes are for names, as in q["left hip"]')
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(node, f"{value!r} is not a real number")
-        if isinstance(value, int) and value <= EXACT:
+        if isinstance(value, int) and value <= LARGEST_EXACT:
             return sympy.Integer(value)
         return self.double(node, float, value)
 
@@ -303,10 +303,10 @@ class _Reader:
                 self.fail(operand, "a condition inside a condition; join them with and/or")
         parts = []
         for k, comparison in enumerate(node.ops):
-            if type(comparison) not in COMPARISONS:
+            if type(comparison) not in COMPARISON_OPERATORS:
                 self.fail(self.operator(operands[k]), "compare with < <= > >=")
             try:
-                parts.append(COMPARISONS[type(comparison)](values[k], values[k + 1]))
+                parts.append(COMPARISON_OPERATORS[type(comparison)](values[k], values[k + 1]))
             except TypeError as error:
                 self.fail(operands[k], f"these cannot be compared ({error})")
         return sympy.And(*parts)

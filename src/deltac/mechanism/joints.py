@@ -16,7 +16,7 @@ from deltac.errors import ModelError
 from deltac.mechanism.laws import LawLike, LawsLike, VectorLike, as_law
 from deltac.mechanism.parts import (
     Constant,
-    Kind,
+    FieldKind,
     LawsOfTime,
     NonNegatives,
     Part,
@@ -89,7 +89,7 @@ class Joint(Part):
     kind: str
     parent: str
     child: str
-    axes: Annotated[Any, Kind(_axes)] = ()
+    axes: Annotated[Any, FieldKind(_axes)] = ()
     position: Point = ZERO
     rotation: Rotation = IDENTITY
     child_position: Point = ZERO

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
 from deltac.errors import NO_NUMBER, ModelError, UnknownName, WrongType, closest, shown
@@ -234,8 +235,8 @@ class Mechanism(Shown):
 
     def state(
         self,
-        coordinates: Mapping[str, ArrayLike] | Iterable[float] | None = None,
-        speeds: Mapping[str, ArrayLike] | Iterable[float] | None = None,
+        coordinates: Mapping[str, ArrayLike] | Sequence[float] | Array | None = None,
+        speeds: Mapping[str, ArrayLike] | Sequence[float] | Array | None = None,
         t: float = 0.0,
     ) -> State:
         """The state with the given coordinates and speeds; those not named are zero (or identity).

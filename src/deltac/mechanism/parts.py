@@ -41,7 +41,7 @@ def constructor(target: Target, options: Callable[..., Any] | None = None) -> Ta
 
 
 @dataclass(frozen=True)
-class Kind:
+class FieldKind:
     """How the value of a field is read, and what it is checked for; messages begin with the field.
 
     read     (value, where) -> what the field holds
@@ -81,44 +81,44 @@ def _each_not_negative(value: Any, where: str) -> tuple[Any, ...]:
     return tuple(_not_negative(entry, where) for entry in each(value, where))
 
 
-Constant: TypeAlias = Annotated[Any, Kind(as_law, "constants")]
+Constant: TypeAlias = Annotated[Any, FieldKind(as_law, "constants")]
 """A number, or an expression in parameters."""
 
-Constants: TypeAlias = Annotated[Any, Kind(each, "constants")]
+Constants: TypeAlias = Annotated[Any, FieldKind(each, "constants")]
 """One of them or several; a tuple."""
 
-Positive: TypeAlias = Annotated[Any, Kind(positive, "constants", "positive")]
-NonNegative: TypeAlias = Annotated[Any, Kind(_not_negative, "constants", "not negative")]
-NonNegatives: TypeAlias = Annotated[Any, Kind(_each_not_negative, "constants", "not negative")]
+Positive: TypeAlias = Annotated[Any, FieldKind(positive, "constants", "positive")]
+NonNegative: TypeAlias = Annotated[Any, FieldKind(_not_negative, "constants", "not negative")]
+NonNegatives: TypeAlias = Annotated[Any, FieldKind(_each_not_negative, "constants", "not negative")]
 
-Law: TypeAlias = Annotated[Any, Kind(as_law)]
+Law: TypeAlias = Annotated[Any, FieldKind(as_law)]
 """A law whose symbols its part checks."""
 
-LawOfTime: TypeAlias = Annotated[Any, Kind(as_law, "in_time")]
-PositiveOfTime: TypeAlias = Annotated[Any, Kind(positive, "in_time", "positive")]
-NonNegativeOfTime: TypeAlias = Annotated[Any, Kind(_not_negative, "in_time", "not negative")]
-LawsOfTime: TypeAlias = Annotated[Any, Kind(each, "in_time")]
+LawOfTime: TypeAlias = Annotated[Any, FieldKind(as_law, "in_time")]
+PositiveOfTime: TypeAlias = Annotated[Any, FieldKind(positive, "in_time", "positive")]
+NonNegativeOfTime: TypeAlias = Annotated[Any, FieldKind(_not_negative, "in_time", "not negative")]
+LawsOfTime: TypeAlias = Annotated[Any, FieldKind(each, "in_time")]
 
-LawOfPlace: TypeAlias = Annotated[Any, Kind(as_law, "in_place")]
+LawOfPlace: TypeAlias = Annotated[Any, FieldKind(as_law, "in_place")]
 """A law of t and q."""
 
-LawOfMotion: TypeAlias = Annotated[Any, Kind(as_law, "in_motion")]
-LawsOfMotion: TypeAlias = Annotated[Any, Kind(each, "in_motion")]
+LawOfMotion: TypeAlias = Annotated[Any, FieldKind(as_law, "in_motion")]
+LawsOfMotion: TypeAlias = Annotated[Any, FieldKind(each, "in_motion")]
 """Laws of t, q and u."""
 
-Point: TypeAlias = Annotated[Any, Kind(vector, "constants")]
+Point: TypeAlias = Annotated[Any, FieldKind(vector, "constants")]
 """Three components in the frame of a body."""
 
-PointOfTime: TypeAlias = Annotated[Any, Kind(vector, "in_time")]
-VectorOfMotion: TypeAlias = Annotated[Any, Kind(vector, "in_motion")]
+PointOfTime: TypeAlias = Annotated[Any, FieldKind(vector, "in_time")]
+VectorOfMotion: TypeAlias = Annotated[Any, FieldKind(vector, "in_motion")]
 
-VectorInField: TypeAlias = Annotated[Any, Kind(vector, "in_field")]
+VectorInField: TypeAlias = Annotated[Any, FieldKind(vector, "in_field")]
 """Three laws of t, q, u, and of the place x, y, z and the velocity vx, vy, vz of a point."""
 
-Axis: TypeAlias = Annotated[Any, Kind(unit_vector)]
+Axis: TypeAlias = Annotated[Any, FieldKind(unit_vector)]
 """A direction: "x", "-z", … or three numbers; it becomes a unit vector."""
 
-Rotation: TypeAlias = Annotated[Any, Kind(as_rotation)]
+Rotation: TypeAlias = Annotated[Any, FieldKind(as_rotation)]
 
 
 def _name_of(what: str) -> Callable[[Any, str], str]:
@@ -129,15 +129,15 @@ def _name_of(what: str) -> Callable[[Any, str], str]:
     return read
 
 
-JointName: TypeAlias = Annotated[str, Kind(_name_of("joint"))]
+JointName: TypeAlias = Annotated[str, FieldKind(_name_of("joint"))]
 
-AnyBody: TypeAlias = Annotated[str, Kind(_name_of("body"), body="any")]
+AnyBody: TypeAlias = Annotated[str, FieldKind(_name_of("body"), body="any")]
 """The name of a body, or "ground"."""
 
-MovingBody: TypeAlias = Annotated[str, Kind(_name_of("body"), body="moving")]
+MovingBody: TypeAlias = Annotated[str, FieldKind(_name_of("body"), body="moving")]
 
 
-def _choice(options: Sequence[str]) -> Kind:
+def _choice(options: Sequence[str]) -> FieldKind:
     def read(value: Any, where: str) -> Any:
         if value not in options:
             choices = " or ".join(map(repr, options))
@@ -146,18 +146,18 @@ def _choice(options: Sequence[str]) -> Kind:
             raise UnknownName(f"{where}: found {shown(value)}, expected {choices}{hint}")
         return value
 
-    return Kind(read)
+    return FieldKind(read)
 
 
 @cache
-def kinds_of(part: type[Any]) -> dict[str, Kind]:
+def kinds_of(part: type[Any]) -> dict[str, FieldKind]:
     """The kinds of a part's fields, by name; fields of other types have none."""
     kinds = {}
     for name, hint in get_type_hints(part, include_extras=True).items():
         if get_origin(hint) is Literal:
             kinds[name] = _choice(get_args(hint))
         for kind in get_args(hint):
-            if isinstance(kind, Kind):
+            if isinstance(kind, FieldKind):
                 kinds[name] = kind
     return {field.name: kinds[field.name] for field in fields(part) if field.name in kinds}
 
@@ -192,7 +192,7 @@ class Declared:
                 kind.check(scope, getattr(self, name), f"{_words(name)} of {where}")
 
     @property
-    def _kinds(self) -> dict[str, Kind]:
+    def _kinds(self) -> dict[str, FieldKind]:
         cls: Any = type(self)
         return kinds_of(cls)
 

@@ -26,7 +26,7 @@ Monomial: TypeAlias = tuple[tuple[str, int], ...]
 HIGHEST = 64
 """Largest exponent that is written out; higher powers are left to SymPy."""
 
-EXACT = 2**53
+LARGEST_EXACT = 2**53
 """Larger integers are not exact as doubles."""
 
 
@@ -225,7 +225,7 @@ def polynomial_in(
     match tree:
         case ast.Constant(value=bool()):
             return None
-        case ast.Constant(value=int(value)) if value <= EXACT:
+        case ast.Constant(value=int(value)) if value <= LARGEST_EXACT:
             return Fraction(value)
         case ast.Constant(value=float(value)):
             return value

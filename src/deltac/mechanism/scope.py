@@ -69,7 +69,7 @@ class Scope:
     # Checks: each raises an InputError that begins with `where`.
 
     def laws(self, laws: Sequence[Any], allowed: Sequence[str], where: str) -> None:
-        """Of every law (None is none): its symbols are among the allowed ones."""
+        """InputError for a law (None: there is none) with symbols other than the allowed ones."""
         for law in laws:
             if law is not None:
                 check_symbols(law, allowed, where)

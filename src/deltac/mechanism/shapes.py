@@ -15,7 +15,7 @@ from deltac.mechanism.laws import LawLike, VectorLike
 from deltac.mechanism.parts import (
     Axis,
     Declared,
-    Kind,
+    FieldKind,
     NonNegative,
     Point,
     Positive,
@@ -57,7 +57,7 @@ class Shape(Declared):
     """What a shape is fixed to: a `body`, and a `position` (m) in its frame."""
 
     noun: ClassVar[str]
-    body: Annotated[str, Kind(_body)]
+    body: Annotated[str, FieldKind(_body)]
     position: Point
 
     @property
@@ -123,7 +123,7 @@ class Box(Shape):
     """A box with edges `size` (m) along the columns of `rotation`, centred at `position`."""
 
     rotation: Rotation
-    size: Annotated[Any, Kind(_edges, "constants", "positive")]
+    size: Annotated[Any, FieldKind(_edges, "constants", "positive")]
 
     noun = "box shape"
 

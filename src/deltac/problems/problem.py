@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from deltac.energy import Ledger
     from deltac.simulation.equations import Equations
 
-Kind = Literal["exact", "published", "calculated"]
+ReferenceKind = Literal["exact", "published", "calculated"]
 Signal: TypeAlias = Callable[[Trajectory], Array]
 Measure: TypeAlias = Callable[[Trajectory], float]
 
@@ -51,16 +51,16 @@ class Reference:
     quantity: str
     value: float
     unit: str
-    kind: Kind
+    kind: ReferenceKind
     accuracy: float
     measure: Measure
     at: float | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
+        if self.kind not in get_args(ReferenceKind):
             raise InputError(
                 f"reference {self.quantity!r}: kind is {self.kind!r}, expected one of "
-                f"{', '.join(get_args(Kind))}"
+                f"{', '.join(get_args(ReferenceKind))}"
             )
         if not (math.isfinite(self.value) and math.isfinite(self.accuracy) and self.accuracy >= 0):
             raise InputError(
@@ -139,7 +139,13 @@ class Problem:
 
 
 def instant(
-    quantity: str, at: float, signal: Signal, value: float, unit: str, kind: Kind, accuracy: float
+    quantity: str,
+    at: float,
+    signal: Signal,
+    value: float,
+    unit: str,
+    kind: ReferenceKind,
+    accuracy: float,
 ) -> Reference:
     """A reference for the value of a signal at the time `at` (s)."""
     return Reference(
@@ -157,7 +163,7 @@ def instants(
     table: Mapping[float, Sequence[float]],
     signals: Mapping[str, Signal],
     unit: str,
-    kind: Kind,
+    kind: ReferenceKind,
     accuracy: float,
 ) -> list[Reference]:
     """References for some signals by name: at each time (s) of the table, its value of each of them."""
@@ -169,7 +175,7 @@ def instants(
 
 
 def whole(
-    quantity: str, measure: Measure, value: float, unit: str, kind: Kind, accuracy: float
+    quantity: str, measure: Measure, value: float, unit: str, kind: ReferenceKind, accuracy: float
 ) -> Reference:
     """A reference for a number of the whole motion."""
     return Reference(

@@ -11,14 +11,14 @@ from deltac.arrays import SAME_STEP, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
-from deltac.recorders.mujoco_recorder import IMPLICIT, ORDERS, solver_name
-from deltac.recorders.recorder import HELD, OCCASIONAL, Forces, TrajectoryBuilder, simulator
+from deltac.recorders.mujoco_recorder import IMPLICIT_FORCE, MUJOCO_ORDERS, solver_name
+from deltac.recorders.recorder import HELD_FORCES, OCCASIONAL, Forces, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any
 Batch: TypeAlias = Any
 
-FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_constraint")
+FORCE_FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_constraint")
 OPTIONAL = ("qfrc_fluid", "qfrc_gravcomp")
 
 
@@ -82,7 +82,7 @@ class BatchRecorder:
         Raises InputError when the batch has another number of worlds.
         """
         after = self._states(data)
-        forces = {name: self._values(data, name) for name in FIELDS}
+        forces = {name: self._values(data, name) for name in FORCE_FIELDS}
         forces |= {name: self._values(data, name) for name in OPTIONAL if hasattr(data, name)}
         self._rows.append((self._state, forces, after[0], after[2]))
         self._state = after
@@ -118,7 +118,7 @@ class BatchRecorder:
                 other = other + f.get(name, 0.0)
             total = f["qfrc_smooth"] + f["qfrc_constraint"]
             correction = self._mass_times(data, q[k], a) - total
-            size = sum(np.abs(f[name]).max(initial=0.0) for name in FIELDS)
+            size = sum(np.abs(f[name]).max(initial=0.0) for name in FORCE_FIELDS)
             # A difference of speeds has their rounding, and forces that of the device.
             eps = float(np.finfo(fields["qfrc_smooth"].dtype).eps)
             least = 64 * eps * (size + self._size_of_mass * np.abs(u[k]).max(initial=0.0) / step)
@@ -127,11 +127,11 @@ class BatchRecorder:
                 "actuator all": f["qfrc_actuator"],
                 "constraint all": f["qfrc_constraint"],
                 "applied all": np.where(np.abs(other) > least, other, 0.0),
-                IMPLICIT: correction,
+                IMPLICIT_FORCE: correction,
             }
             steps.append((float(t[k]), q[k], u[k], a, 0.5 * (u[k] + after[k]), forces))
         for t0, q0, u0, a, mean, forces in steps:
-            acting = {n: x for n, x in forces.items() if n != IMPLICIT or corrected}
+            acting = {n: x for n, x in forces.items() if n != IMPLICIT_FORCE or corrected}
             builder.add(t0, q0, u0, a, acting)
             builder.stage(step, mean, acting)
         return builder.trajectory(
@@ -139,9 +139,9 @@ class BatchRecorder:
                 simulator=f"MuJoCo {self._mujoco.mj_versionString()} (batch)",
                 solver=self._solver,
                 step=step,
-                order=ORDERS.get(self._solver),
+                order=MUJOCO_ORDERS.get(self._solver),
                 model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
-                stage=HELD,
+                stage=HELD_FORCES,
                 held=builder.channels,
                 inputs="held",
                 looked_for=OCCASIONAL,

@@ -21,7 +21,7 @@ from deltac.models import ModelLike
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
     ENGINE,
-    HELD,
+    HELD_FORCES,
     INSTANT,
     OCCASIONAL,
     Columns,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 Plant: TypeAlias = Any
 Context: TypeAlias = Any
 
-KINDS = {
+DRAKE_JOINTS = {
     "revolute": "revolute",
     "prismatic": "prismatic",
     "planar": "planar",
@@ -46,7 +46,7 @@ KINDS = {
 }
 """Drake's kind of a joint -> ours. Its Euler angles of ball and floating joints have no counterpart."""
 
-ORDERS = {
+DRAKE_ORDERS = {
     "ExplicitEuler": 1,
     "SemiExplicitEuler": 1,
     "ImplicitEuler": 1,
@@ -62,7 +62,7 @@ ORDERS = {
 GAUSS = np.polynomial.legendre.leggauss(3)
 """Nodes in (−1, 1) and weights of Gauss's quadrature."""
 
-QUADRATURE = SAME
+WORK_ACCURACY = SAME
 """Works of a part of a step are found when halving it changes them by less, relative to all work so far."""
 
 LEAST_PART = 2.0**-20
@@ -126,14 +126,14 @@ class DrakeRecorder(Recorder):
             joint = plant.get_joint(index)
             if not joint.num_velocities():
                 continue
-            if joint.type_name() not in KINDS:
+            if joint.type_name() not in DRAKE_JOINTS:
                 raise ModelError(
                     f"joint {joint.name()!r} of the plant is a {joint.type_name()} joint; known: "
-                    f"{', '.join(KINDS)}"
+                    f"{', '.join(DRAKE_JOINTS)}"
                 )
             q = slice(joint.position_start(), joint.position_start() + joint.num_positions())
             v = slice(joint.velocity_start(), joint.velocity_start() + joint.num_velocities())
-            joints.append(JointColumns(joint.name(), KINDS[joint.type_name()], q, v))
+            joints.append(JointColumns(joint.name(), DRAKE_JOINTS[joint.type_name()], q, v))
             self._dampers.append((joint, v))
             if joint.num_positions() == joint.num_velocities():
                 bounds = np.array([joint.position_lower_limits(), joint.position_upper_limits()])
@@ -183,9 +183,9 @@ class DrakeRecorder(Recorder):
                 simulator=f"Drake {version('drake')}",
                 solver=solver,
                 step=self._period or (integrator.get_maximum_step_size() if fixed else None),
-                order=1 if discrete else ORDERS.get(solver.removesuffix("Integrator")),
+                order=1 if discrete else DRAKE_ORDERS.get(solver.removesuffix("Integrator")),
                 tolerance=None if discrete or fixed else integrator.get_target_accuracy(),
-                stage=HELD if discrete else INSTANT,
+                stage=HELD_FORCES if discrete else INSTANT,
                 held=self._builder.channels if discrete else (),
                 inputs="held" if discrete else "",
                 looked_for=OCCASIONAL,
@@ -255,7 +255,7 @@ class DrakeRecorder(Recorder):
             finer = {n: halves[0].get(n, 0.0) + halves[1].get(n, 0.0) for n in names}
             self._exchanged += sum(map(abs, finer.values())) if last - first == 1.0 else 0.0
             change = max((abs(finer[n] - whole.get(n, 0.0)) for n in names), default=0.0)
-            fine = change <= QUADRATURE * self._exchanged or last - first < LEAST_PART
+            fine = change <= WORK_ACCURACY * self._exchanged or last - first < LEAST_PART
             if fine or count > ENDLESS:
                 self._builder.work(finer)
             else:

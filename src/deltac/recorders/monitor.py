@@ -15,11 +15,11 @@ from deltac.calls.arguments import checked
 from deltac.calls.services import service
 from deltac.dynamics import MOMENTUM, equations_of, trace
 from deltac.energy import (
+    CARRIED,
     MOMENTA,
     QUADRATURE,
     RESULTS,
     SETTINGS,
-    SUMS,
     Given,
     LiveKernels,
     live_kernels,
@@ -299,8 +299,8 @@ class Monitor:
         if side is None:
             return {}
         kernels, sums = self._kernels, side.sums
-        works: dict[str, float] = dict(zip(kernels.channels, map(float, sums[len(SUMS) :])))
-        potentials = sums[len(SUMS) + len(kernels.channels) :]
+        works: dict[str, float] = dict(zip(kernels.channels, map(float, sums[len(CARRIED) :])))
+        potentials = sums[len(CARRIED) + len(kernels.channels) :]
         for name, before, now in zip(kernels.sources, self._start, potentials):
             if name not in works:
                 works[name] = float(before - now)
@@ -407,10 +407,10 @@ class Monitor:
         if not (isfinite(t) and isfinite(E)):
             self.reset()
             raise StateError(f"t = {t:g} s: the energy of the first row is {E}")
-        sources = len(SUMS) + len(kernels.channels)
+        sources = len(CARRIED) + len(kernels.channels)
         side.sums[sources:] = other_side.sums[sources:]
         self._start = side.sums[sources:].copy()
-        side.sums[: len(SUMS)] = E, 0, 0, K, K, V, V, 0
+        side.sums[: len(CARRIED)] = E, 0, 0, K, K, V, V, 0
         side.momenta[:2] = other_side.momenta[MOMENTA.index("momentum")]
         side.results[:] = 0.0, 0.0, 0.0, 0.0, self.bound, 1.0, 1.0, E, K, V
         self._pending, self.t = False, t
@@ -465,11 +465,11 @@ class Monitor:
         acted = dict(zip(old.given.channels, before.row[common:].reshape(-1, nu)))
         for name, place in zip(inputs.channels, side.row[common:].reshape(-1, nu)):
             place[:] = acted.get(name, 0.0)
-        works = dict(zip(old.channels, before.sums[len(SUMS) :]))
-        last = len(SUMS) + len(kernels.channels)
-        side.sums[: len(SUMS)] = before.sums[: len(SUMS)]
-        side.sums[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
-        side.sums[last:] = before.sums[len(SUMS) + len(old.channels) :]
+        works = dict(zip(old.channels, before.sums[len(CARRIED) :]))
+        last = len(CARRIED) + len(kernels.channels)
+        side.sums[: len(CARRIED)] = before.sums[: len(CARRIED)]
+        side.sums[len(CARRIED) : last] = [works.get(name, 0.0) for name in kernels.channels]
+        side.sums[last:] = before.sums[len(CARRIED) + len(old.channels) :]
 
 
 class _Side:
@@ -505,5 +505,5 @@ class _Side:
         self.step = kernels.step.bound(self.x, other.memory, row)
 
 
-_STEPS = SUMS.index("steps")
+_STEPS = CARRIED.index("steps")
 _APART, _JUMPED, _APART_BEFORE = map(QUADRATURE.index, ("apart", "jumped", "apart before"))

@@ -32,10 +32,10 @@ Data: TypeAlias = Any
 Forces: TypeAlias = dict[str, Array]
 
 
-SOLVED = 64.0 * EPS
+SOLVER_ROUNDING = 64.0 * EPS
 """A residual of the constraint solver below this, relative to the forces, is not recorded."""
 
-SOLVER = "correction solver"
+SOLVER_FORCE = "correction solver"
 """The force that the constraint solver left unbalanced: M q̈ + c − Σ forces."""
 
 
@@ -142,7 +142,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
     lost.check("applied", summed, total[None])
     residual = _solver_residual(model, data, summed - total)
     if residual is not None:
-        forces[SOLVER] = residual
+        forces[SOLVER_FORCE] = residual
     return forces
 
 
@@ -351,7 +351,7 @@ def _solver_residual(model: Model, data: Data, rounding: Array) -> Array | None:
     scale = sum(
         np.abs(f).max(initial=0.0) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias)
     )
-    if data.nefc and size > SOLVED * scale:
+    if data.nefc and size > SOLVER_ROUNDING * scale:
         return np.asarray(residual)
     if size > SAME * scale:
         raise RecordingError(

@@ -28,7 +28,7 @@ Data: TypeAlias = Any
 GROUPS = ("actuator all", "constraint all", "applied all")
 """Of actuators; of contacts, limits, friction loss and equalities; all others but springs and dampers."""
 
-SUMS = (
+GROUP_SUMS = (
     {"actuator": 1.0},
     {"constraint": 1.0},
     {"smooth": 1.0, "bias": 1.0, "spring": -1.0, "damper": -1.0, "actuator": -1.0},
@@ -36,9 +36,9 @@ SUMS = (
 """The groups as sums of qfrc_… in mjData; the last: all but springs, dampers, actuators and constraints."""
 
 WITHIN_REACH = 50_000
-"""A row is read from mjData's own memory where it lies within so many numbers; else it is copied."""
+"""Span (numbers) of mjData's memory up to which a row is read in place; beyond, it is copied."""
 
-PASSIVE = "applied passive"
+PASSIVE_CHANNEL = "applied passive"
 """Springs and dampers that the mechanism does not have."""
 
 
@@ -66,7 +66,9 @@ class MujocoMonitor:
         self._elements = Elements.of(model, grouped=True)
         self._compensated = any(name.element == "gravcomp" for name in channels)
         self._missing = self._not_imported(channels)
-        self._names = tuple(map(ChannelName.parse, (*GROUPS, PASSIVE) if self._missing else GROUPS))
+        self._names = tuple(
+            map(ChannelName.parse, (*GROUPS, PASSIVE_CHANNEL) if self._missing else GROUPS)
+        )
         self._stages = model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4
         self._state = int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
         self._user = int(self._mujoco.mjtState.mjSTATE_USER)
@@ -163,7 +165,7 @@ class MujocoMonitor:
         """What a row brings, and where it is found: in mjData itself, if nothing is to be computed."""
         held_forces, forces = ((), self._names) if self._stages else (self._names, ())
         inputs = Given(forces, held_forces, rated=self._stages)
-        named = {name: getattr(data, f"qfrc_{name}") for group in SUMS for name in group}
+        named = {name: getattr(data, f"qfrc_{name}") for group in GROUP_SUMS for name in group}
         arrays = {"q": data.qpos, "u": data.qvel, "udot": data.qacc, **named}
         places = {name: array.ctypes.data for name, array in arrays.items()}
         first = min(arrays, key=lambda name: places[name])
@@ -173,7 +175,9 @@ class MujocoMonitor:
             nq, nu = len(data.qpos), len(data.qvel)
             return inputs, np.zeros(inputs.place(nq, nu).size)
         at = {name: (place - places[first]) // 8 for name, place in places.items()}
-        blocks = tuple(tuple((at[name], sign) for name, sign in group.items()) for group in SUMS)
+        blocks = tuple(
+            tuple((at[name], sign) for name, sign in group.items()) for group in GROUP_SUMS
+        )
         memory = Memory(size, at["q"], at["u"], at["udot"], blocks)
         # One allocation, mjData's buffer, holds all arrays but those of contacts and constraint rows
         # (mjdata.h), and lives as long as any of them.

@@ -68,10 +68,10 @@ INPUTS = (
 """What a user may set between two steps."""
 
 
-ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
+MUJOCO_ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
 
-IMPLICIT = "correction implicit"
+IMPLICIT_FORCE = "correction implicit"
 """The force that an implicit integrator adds to those of the start of the step: M(q_k)(a − q̈)."""
 
 
@@ -79,7 +79,7 @@ STAGES = {
     "explicit": "state before each step, with the accelerations and forces that the step used; forces are "
     "held over a step",
     "implicit": "state before each step; udot is the step's (u_{k+1} - u_k)/h, and channel '"
-    + IMPLICIT
+    + IMPLICIT_FORCE
     + "' what the implicit integrator added to the forces at the start of the step: M udot + bias = sum "
     "of forces; its work is part of the integrator's error",
     "rk4": "state before each step, with the accelerations and forces of its first stage; works are those of "
@@ -250,12 +250,12 @@ class MujocoRecorder(Recorder):
         for row in rows:
             forces = row.forces
             if row.correction is not None and implicit:
-                forces = {**forces, IMPLICIT: row.correction}
+                forces = {**forces, IMPLICIT_FORCE: row.correction}
             udot = row.step_acceleration if implicit else row.qacc
             self._builder.add(row.t, row.q, row.u, udot, forces)
             self._builder.step(row.step)
             if row.correction is not None and implicit:
-                self._builder.work({IMPLICIT: row.of_correction})
+                self._builder.work({IMPLICIT_FORCE: row.of_correction})
         if not rows:  # it broke off in its first step: there is the start, and why
             start = self._before
             if not np.isfinite([*start.qpos, *start.qvel]).all():
@@ -367,7 +367,7 @@ class MujocoRecorder(Recorder):
             completed=not message,
             message=message,
             stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
-            order=ORDERS.get(solver),
+            order=MUJOCO_ORDERS.get(solver),
             held=tuple(channel for channel in channels if channel not in varying),
             inputs="held",
             looked_for=OCCASIONAL,
@@ -538,7 +538,7 @@ class MujocoSimulator:
     @property
     def order(self) -> int | None:
         """The integrator's order, None for one that is not known."""
-        return ORDERS.get(self.integrator)
+        return MUJOCO_ORDERS.get(self.integrator)
 
     def __call__(self, step: float) -> Trajectory:
         """The run at this step; InputError unless it divides the duration: runs are compared at their end."""

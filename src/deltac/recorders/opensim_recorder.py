@@ -41,9 +41,9 @@ Joint: TypeAlias = Any
 MOTIONS = {1: "revolute", 2: "prismatic"}
 """OpenSim's type of a joint's only coordinate -> the kind of the joint."""
 
-FREE = "FreeJoint"
+FREE_JOINT = "FreeJoint"
 
-KINDS = {
+FORCE_KINDS = {
     "CoordinateLimitForce": "limit",
     "PrescribedForce": "applied",
     "ExternalForce": "applied",
@@ -180,7 +180,7 @@ class OpensimRecorder(Recorder):
     # --- what OpenSim says -----------------------------------------------------------------------
 
     def _kind(self, joint: Joint) -> str:
-        if joint.getConcreteClassName() == FREE:
+        if joint.getConcreteClassName() == FREE_JOINT:
             if joint.getParentFrame().findBaseFrame().getName() != "ground":
                 raise ModelError(
                     f"joint {joint.getName()!r} is a FreeJoint between two bodies; known: to ground"
@@ -196,7 +196,7 @@ class OpensimRecorder(Recorder):
 
     def _channel(self, force: Any) -> str:
         acts = self._opensim.Actuator.safeDownCast(force) is not None
-        kind = "actuator" if acts else KINDS.get(force.getConcreteClassName(), "spring")
+        kind = "actuator" if acts else FORCE_KINDS.get(force.getConcreteClassName(), "spring")
         return f"{kind} {force.getName()}"
 
     def _speeds_of(self, joint: Joint, state: State) -> list[int]:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Model: TypeAlias = Any
 
-KINDS = {
+PINOCCHIO_JOINTS = {
     **{f"JointModelR{axis}": "revolute" for axis in "XYZ"},
     **{f"JointModelRUB{axis}": "continuous" for axis in "XYZ"},
     **{f"JointModelP{axis}": "prismatic" for axis in "XYZ"},
@@ -80,11 +80,11 @@ class PinocchioRecorder(Recorder):
         self._model, self._data = pin_model, pin_model.createData()
         joints, continuous = [], set()
         for name, joint in zip(pin_model.names[1:], pin_model.joints[1:]):
-            kind = KINDS.get(joint.shortname())
+            kind = PINOCCHIO_JOINTS.get(joint.shortname())
             if kind is None:
                 raise ModelError(
                     f"joint {name!r} of the Pinocchio model is a {joint.shortname()}; known: "
-                    f"{', '.join(KINDS)}"
+                    f"{', '.join(PINOCCHIO_JOINTS)}"
                 )
             if kind == "continuous":
                 continuous.add((names or {}).get(name, name))

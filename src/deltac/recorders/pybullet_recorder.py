@@ -19,7 +19,7 @@ from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
-    HELD,
+    HELD_FORCES,
     OCCASIONAL,
     Columns,
     Forces,
@@ -29,7 +29,7 @@ from deltac.recorders.recorder import (
 )
 from deltac.trajectories import Provenance, Trajectory
 
-KINDS = {0: "revolute", 1: "prismatic", 4: "fixed"}
+PYBULLET_JOINTS = {0: "revolute", 1: "prismatic", 4: "fixed"}
 """PyBullet's kind of a joint -> ours; those that are fixed have no coordinate."""
 
 
@@ -100,10 +100,10 @@ class PybulletRecorder(Recorder):
         own = names or {}
         for j in range(p.getNumJoints(body, **self._of)):
             info = p.getJointInfo(body, j, **self._of)
-            if KINDS.get(info[2]) == "fixed":
+            if PYBULLET_JOINTS.get(info[2]) == "fixed":
                 continue
             name = info[1].decode()
-            if info[2] not in KINDS:
+            if info[2] not in PYBULLET_JOINTS:
                 raise ModelError(
                     f"joint {name!r} of the body is neither revolute nor prismatic: PyBullet does not show "
                     "what is needed of it"
@@ -112,7 +112,7 @@ class PybulletRecorder(Recorder):
             joints.append(
                 JointColumns(
                     name,
-                    KINDS[info[2]],
+                    PYBULLET_JOINTS[info[2]],
                     slice(place + bool(self._free), place + bool(self._free) + 1),
                     slice(place, place + 1),
                 )
@@ -181,7 +181,7 @@ class PybulletRecorder(Recorder):
                 solver="semi-implicit euler",
                 step=h,
                 order=1,
-                stage=HELD,
+                stage=HELD_FORCES,
                 held=self._builder.channels,
                 inputs="held",
                 looked_for=OCCASIONAL,

@@ -28,7 +28,7 @@ ENGINE = 1e-4
 OCCASIONAL = ("applied", "contact", "limit", "friction", "constraint")
 """Kinds of channels that are there only if they acted; all others are always recorded."""
 
-HELD = (
+HELD_FORCES = (
     "state before each step, with the forces that the step used, which were held over it, and udot the "
     "step's (u_{k+1} - u_k)/h; the last state, from which no step was made, is not a row"
 )

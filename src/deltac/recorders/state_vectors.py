@@ -20,10 +20,10 @@ from deltac.simulation import (
     RightHandSide,
     StateSymbols,
     as_equations,
+    declared_order,
     explicit,
     state_names,
     state_symbols,
-    told_order,
     usual_orders,
 )
 from deltac.trajectories import (
@@ -74,7 +74,7 @@ def trajectory_of_states(
     if order is None:
         places = _likely_order(system, symbols, t, y)
     else:
-        places = told_order(order, symbols.coordinates, symbols.speeds)
+        places = declared_order(order, symbols.coordinates, symbols.speeds)
     state = np.empty_like(y)
     state[:, list(places)] = y
     q, u = np.split(state, [len(symbols.coordinates)], axis=1)

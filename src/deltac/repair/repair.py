@@ -19,7 +19,7 @@ from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import TIME_LIMIT
-from deltac.diagnosis import Caller, States, blame, blame_at
+from deltac.diagnosis import Caller, States, blame
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
@@ -39,12 +39,12 @@ from deltac.repair.tracing.program import (
     read,
     reading,
 )
-from deltac.repair.tracing.samples import RIGHT, SPREADS, StateSamples, Target
+from deltac.repair.tracing.samples import RIGHT, VALUE_RANGES, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
 from deltac.results import SHOWN
-from deltac.simulation import PLAIN, Equations, RightHandSide, as_equations
+from deltac.simulation import PLAIN_FORM, Equations, RightHandSide, as_equations
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
 """Edits with the source that they make."""
@@ -67,7 +67,7 @@ BRANCHES = math.isqrt(MOST_VALIDATED)
 WRITTEN_DIGITS = 1 - round(math.log10(SIX_DIGITS))
 """Decimals of more digits are fitted: nobody wrote them, so such a repair is not certain."""
 
-NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+DECIMAL = re.compile(r"(?<![\w.])\d+\.\d+")
 
 AS_RUN, AS_RUN_TO = 4, 1e-5
 """States at which what was read is compared with what runs, and how close they are: single precision."""
@@ -185,9 +185,7 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     samples = target.samples()
     some = samples.at(np.arange(min(AS_RUN, len(samples.t))))
     states = target.test().states.take(np.arange(len(some.t)))
-    caller = Caller(
-        function, source.qualified, target.test().kane, False, form=source.form or PLAIN
-    )
+    caller = Caller(function, source.qualified, target.test().kane, form=source.form or PLAIN_FORM)
     traced, called = reading(source, some).run(), _called(caller, states)
     rows = min(len(traced), len(called))
     close = AS_RUN_TO * np.abs(called[: len(traced)]).max(initial=1e-300)
@@ -223,7 +221,7 @@ def _by_running(
     terms: tuple[str, ...] = ()
     if len(wrong) and not right:
         limit = np.full(len(test.speeds), RIGHT)
-        terms = blamed_terms(blame(caller, test, result[: len(test.speeds)], limit))
+        terms = blamed_terms(blame(test, result[: len(test.speeds)], limit, caller))
     names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     file, _, function = text.rpartition(":")
     return Repair(
@@ -275,7 +273,7 @@ def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[E
         search.require()
         singles = search.single()
         right = _confirm(reading, target, ((c,) for c in singles), deadline)
-        suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.whole]))
+        suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.sufficient]))
         if right and right[0][0][0].cost > TWO:
             right = sorted([*right, *confirmed_first(pairs(search, True))], key=_total_cost)
         if right:
@@ -343,7 +341,7 @@ def _report(
     terms: tuple[str, ...] = ()
     nominal = program.run()[: len(test.speeds), program.samples.group == 0]
     if not fixes and nominal.shape == test.acceleration.shape and np.isfinite(nominal).all():
-        terms = blamed_terms(blame_at(test, nominal, np.full(len(test.speeds), RIGHT)))
+        terms = blamed_terms(blame(test, nominal, np.full(len(test.speeds), RIGHT)))
     return Repair(
         file=source.name,
         function=source.qualified,
@@ -370,7 +368,7 @@ def _odd_number(edits: Sequence[EditCandidate]) -> bool:
     return any(
         len(m.group().replace(".", "").strip("0")) > WRITTEN_DIGITS
         for e in edits
-        for m in NUMBER.finditer(e.text)
+        for m in DECIMAL.finditer(e.text)
     )
 
 
@@ -449,7 +447,7 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
     traces = [piece.trace for s in sources for piece in reading(s, samples).pieces]
     names = set.intersection(*(set(trace.parameters) for trace in traces))
     rng = np.random.default_rng(0)
-    factors = {name: rng.uniform(*SPREADS[0]) for name in sorted(names)}
+    factors = {name: rng.uniform(*VALUE_RANGES[0]) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
     for source in sources:

@@ -19,7 +19,7 @@ from deltac.foreign.isolation import Failure, Workers
 from deltac.foreign.scripts import needed, returned, statements_of
 from deltac.repair.tracing.samples import StateSamples
 from deltac.repair.tracing.source import Source, partial_in
-from deltac.simulation import PLAIN, StateForm
+from deltac.simulation import PLAIN_FORM, StateForm
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def task(source: Source) -> SandboxTask | None:
     if arguments:
         values = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
         text += f"\nimport functools\n{source.qualified} = functools.partial({source.qualified}, {values})"
-    return SandboxTask(text, source.qualified, folder, source.form or PLAIN)
+    return SandboxTask(text, source.qualified, folder, source.form or PLAIN_FORM)
 
 
 def module_for(module: ast.Module, name: str) -> ast.Module:

@@ -27,7 +27,7 @@ def output_folder(path: Path) -> Path:
     return path
 
 
-FORMATS = ("pdf", "svg", "png")
+FIGURE_FORMATS = ("pdf", "svg", "png")
 """Of figures, by the ending of the name."""
 
 
@@ -35,7 +35,7 @@ def check_figure(path: Path) -> Path:
     """The path of a figure; InputError, before the work is done, where none could be written."""
     import deltac.report.picture  # noqa: F401  # without matplotlib it says what to install
 
-    if path.suffix.lower().lstrip(".") not in FORMATS:
+    if path.suffix.lower().lstrip(".") not in FIGURE_FORMATS:
         raise FileError(
             f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"
         )

@@ -156,7 +156,7 @@ class Flows(Panel):
     kind = "flows"
 
 
-POINTS = 4000
+CURVE_POINTS = 4000
 """Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
 
 MOST_DRAWN = 30
@@ -377,9 +377,7 @@ def study_errors(report: Study) -> TimePlot:
         bar = None if entry.bar is None else entry.bar[name]
         at = resampled(entry.ledger.t, y, t)
         colour = INKS[min(len(usable) - 1 - k, len(INKS) - 1)]
-        lines.append(
-            Line(named(entry, report.measures.unit), at, bar if last else None, colour=colour)
-        )
+        lines.append(Line(named(entry, report.unit), at, bar if last else None, colour=colour))
     return TimePlot(
         f"What is left of the energy balance, |ΔC| ({name})",
         t,
@@ -406,8 +404,8 @@ def orders(report: Study) -> LogPlot:
     An order may be of a part of the runs alone: what it was fitted to is then drawn as points of their own.
     """
     energy_scale = report.reference_energy or 1.0
-    steps = np.asarray(report.measures.steps)
-    errors = np.asarray(report.measures.left) / energy_scale
+    steps = np.asarray(report.steps)
+    errors = np.asarray(report.errors) / energy_scale
     energy, state = report.observed_order[report.function], report.observed_order["state"]
     fitted = np.asarray(energy.sizes) / energy_scale
     common = steps[len(steps) - len(fitted) :]
@@ -436,7 +434,7 @@ def orders(report: Study) -> LogPlot:
     limit = (Guide("limit of |ΔC|", energy.limit / energy_scale),) if limited else ()
     return LogPlot(
         "How the errors fall with the step",
-        "step h (s)" if report.measures.unit else "tolerance",
+        "step h (s)" if report.unit else "tolerance",
         "share of energy, or of the ranges",
         tuple(cloud for cloud in clouds if cloud is not None),
         (Guide("accepted", report.tolerance), *limit),

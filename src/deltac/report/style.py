@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.report.panels import POINTS
+from deltac.report.panels import CURVE_POINTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,7 +115,7 @@ def align_labels(figure: Figure) -> None:
         panel.yaxis.set_label_coords(-0.52 / inches, 0.5)
 
 
-def thinned(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
+def thinned(t: Array, y: Array, points: int = CURVE_POINTS) -> tuple[Array, Array]:
     """The curve as it looks, with at most so many points: of each part of the time its extremes.
 
     A peak of one sample stays.

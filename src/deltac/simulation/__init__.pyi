@@ -14,11 +14,11 @@ from deltac.simulation.recording import Record as Record
 from deltac.simulation.solvers import Adaptive as Adaptive
 from deltac.simulation.solvers import find_solver as find_solver
 from deltac.simulation.solvers import solver_options as solver_options
-from deltac.simulation.state_form import PLAIN as PLAIN
+from deltac.simulation.state_form import PLAIN_FORM as PLAIN_FORM
 from deltac.simulation.state_form import Order as Order
 from deltac.simulation.state_form import StateForm as StateForm
 from deltac.simulation.state_form import candidate_forms as candidate_forms
+from deltac.simulation.state_form import declared_order as declared_order
 from deltac.simulation.state_form import likeliest as likeliest
 from deltac.simulation.state_form import state_names as state_names
-from deltac.simulation.state_form import told_order as told_order
 from deltac.simulation.state_form import usual_orders as usual_orders

@@ -27,12 +27,12 @@ from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Flow, Keeping, Projection
+from deltac.simulation.flow import Keeping, Projection, StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
 
-MOST_STEPS = 10**15
+STEPS_OF_A_RUN = 10**15
 """Steps of a run at most: time is still told apart from step to step, and it would take years."""
 
 
@@ -107,7 +107,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
         )
 
 
-def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None) -> None:
+def check_derivatives(flow: StateFlow, solver: Solver, controller: Controller | None) -> None:
     """InputError where a solver differentiates what can only be called from Python."""
     if flow.traced and controller is None:
         return
@@ -174,7 +174,7 @@ def _contrast(mechanism: Mechanism, M: Array, *, tied: bool) -> str:
 
 
 def check_accelerations(
-    flow: Flow,
+    flow: StateFlow,
     mechanism: Mechanism,
     controller: Controller | None,
     state: State,
@@ -207,7 +207,7 @@ def check_accelerations(
 
 
 def _start_error(
-    flow: Flow,
+    flow: StateFlow,
     mechanism: Mechanism,
     controller: Controller | None,
     state: State,
@@ -246,7 +246,7 @@ def _start_error(
     return error
 
 
-def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:
+def _at_start(flow: StateFlow, t: float, p: Array) -> Callable[[Array], Array]:
     """The accelerations as a function of the state."""
     return lambda x: np.asarray(evaluate_at(flow.rate, t, x, p)[0][flow.parts[1]])
 
@@ -272,10 +272,10 @@ def count(value: int, what: str) -> int:
 def whole_steps(duration: float, step: float | None, every: int) -> int:
     """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
     assert step is not None
-    if not duration / step <= MOST_STEPS:
+    if not duration / step <= STEPS_OF_A_RUN:
         raise SolverError(
             f"step {step:g} goes {duration / step:.3g} times into the duration {duration:g}; expected at "
-            f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
+            f"most {STEPS_OF_A_RUN:.0e} steps, what can be counted and waited for. Give a larger step"
         )
     steps = round(duration / step)
     rows, most = steps // every + 1, Limits.current().rows

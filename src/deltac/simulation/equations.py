@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.spatial import SX
@@ -31,7 +31,7 @@ from deltac.errors import (
 )
 from deltac.mechanism.coordinate_map import CoordinateMap, check_coordinates, own_coordinates
 from deltac.simulation.state_form import (
-    PLAIN,
+    PLAIN_FORM,
     Order,
     StateForm,
     candidate_forms,
@@ -124,7 +124,7 @@ class StateSymbols:
 
 
 def state_symbols(
-    system: System, coordinates: CoordinateMap | str | None, rows: Rows | None = None
+    system: System, coordinates: CoordinateMap | str | None, rows: ConstraintRows | None = None
 ) -> StateSymbols:
     """The state of a system's equations; InputError for a map that does not fit.
 
@@ -178,7 +178,7 @@ def explicit(system: System, equations: Equations) -> Equations:
     """
     parameters = signature(equations.rhs)
     declared = equations.form is not None or equations.order is not None
-    if not declared and (parameters is None or parameters[1] >= len(PLAIN.arguments)):
+    if not declared and (parameters is None or parameters[1] >= len(PLAIN_FORM.arguments)):
         return equations
     state = state_symbols(system, equations.coordinates)
     coordinates, speeds = state.coordinates, state.speeds
@@ -214,7 +214,7 @@ def explicit(system: System, equations: Equations) -> Equations:
     form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
     if form is None or form.plain:
         if form is None and (
-            declared or len(parameters[0] if parameters else ()) < len(PLAIN.arguments)
+            declared or len(parameters[0] if parameters else ()) < len(PLAIN_FORM.arguments)
         ):
             raise _no_form(equations, candidates, evaluate, nq, nu)
         return equations  # called as it is: its own error says what does not fit
@@ -330,7 +330,7 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> ByHand:
+def by_hand(system: System, equations: Equations, rows: ConstraintRows | None = None) -> ByHand:
     """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
     equations = explicit(system, equations)

@@ -38,13 +38,13 @@ from deltac.dynamics.terms import (
 from deltac.dynamics.testing_functions import MOMENTUM, testing_functions
 from deltac.errors import ArgumentsError, InputError
 from deltac.kernels import Kernel
-from deltac.mechanism.channels import Channel, ChannelName
+from deltac.mechanism.channels import CORRECTIONS, ENERGY_CORRECTION, Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
-LOST = SOLVED**0.5
+OFF_CONSTRAINTS = SOLVED**0.5
 """A state this far off a constraint (m or rad, per s of motion constraints) is not on it.
 
 One of Newton's steps leaves the square of that, on constraints whose curvature is of order one.
@@ -81,7 +81,7 @@ class Baumgarte:
                 )
 
 
-PROJECTION = Projection()
+USUAL_PROJECTION = Projection()
 
 Keeping: TypeAlias = Projection | Baumgarte | None
 """How a run stays on its constraints; None: on the level of accelerations alone."""
@@ -100,7 +100,7 @@ def keeping(constraints: str | Keeping) -> Keeping:
 
 
 @dataclass(frozen=True, eq=False)
-class Flow(Once):
+class StateFlow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
@@ -145,7 +145,7 @@ class Flow(Once):
 
     @property
     def departures(self) -> tuple[tuple[str, ...], SX]:
-        """What is off (`LOST`) where a run cannot meet its constraints: the name of each row, and ψ, then φ.
+        """What a run that cannot meet its constraints misses (`OFF_CONSTRAINTS`): names of rows; ψ, then φ.
 
         ψ is of the motion rows `slipping`, φ (if it is projected) of those that the equations are built on.
         """
@@ -255,12 +255,6 @@ class Flow(Once):
         return x
 
 
-CORRECTIONS = ("correction kinetic", "correction potential")
-"""Integrals of a projected or corrected run: what that did to K and to V, J."""
-
-ENERGY_CORRECTION = "correction energy"
-"""Integral of a corrected run: what its corrections of the energy did to K + V, J."""
-
 ENERGY_DUE = "energy due"
 """Integral of a corrected run: K + V at the start and Q since, what a correction brings K + V back to, J.
 
@@ -275,10 +269,10 @@ def build_flow(
     split: CoordinateMap | None = None,
     vary: Sequence[str] = (),
     rows: Sequence[int] = (),
-    constraints: Keeping = PROJECTION,
+    constraints: Keeping = USUAL_PROJECTION,
     *,
     works: bool = True,
-) -> Flow:
+) -> StateFlow:
     """Write out ẋ for a mechanism.
 
     `written` are equations by hand in place of the mechanism's own, traced on `trace(mechanism, vary)`;
@@ -356,7 +350,7 @@ def build_flow(
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
     x = ca.vertcat(q, u, ca.SX.sym("z", len(working) + len(integrals)))
-    return Flow(
+    return StateFlow(
         system=system,
         testing=names,
         works=tuple(working),

@@ -19,7 +19,7 @@ from deltac.simulation.constraints.projection import (
     NEARLY_DEPENDENT,
     smallest_pivot,
 )
-from deltac.simulation.flow import LOST, Flow
+from deltac.simulation.flow import OFF_CONSTRAINTS, StateFlow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
@@ -65,7 +65,7 @@ class Record:
 RECORD = Record()
 
 
-def observer(flow: Flow) -> Kernel:
+def observer(flow: StateFlow) -> Kernel:
     """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
     inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
     return Kernel(
@@ -85,7 +85,7 @@ def observer(flow: Flow) -> Kernel:
     )
 
 
-def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
+def observed(flow: StateFlow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
     """What the observer sees of the samples of a motion, time first; p (np,), or (T, np) where it varies."""
     arrays: dict[str, Array] = {"t": motion.t}
     if flow.x.shape[0]:
@@ -100,7 +100,7 @@ def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str,
 
 def recorded(
     mechanism: Mechanism,
-    flow: Flow,
+    flow: StateFlow,
     columns: dict[str, Array],
     motion: Motion,
     p: Array,
@@ -152,7 +152,9 @@ def recorded(
     )
 
 
-def logged_forces(flow: Flow, columns: dict[str, Array], inputs: Array) -> dict[ChannelName, Array]:
+def logged_forces(
+    flow: StateFlow, columns: dict[str, Array], inputs: Array
+) -> dict[ChannelName, Array]:
     """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
     mechanism = flow.system.mechanism
     rows, nu = len(inputs), len(mechanism.speeds)
@@ -173,7 +175,7 @@ def logged_forces(flow: Flow, columns: dict[str, Array], inputs: Array) -> dict[
     return forces
 
 
-def while_assembled(flow: Flow, motion: Motion, columns: dict[str, Array]) -> Motion:
+def while_assembled(flow: StateFlow, motion: Motion, columns: dict[str, Array]) -> Motion:
     """The motion up to where its constraints can no longer be met, and words for it.
 
     A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
@@ -182,12 +184,12 @@ def while_assembled(flow: Flow, motion: Motion, columns: dict[str, Array]) -> Mo
     if "departures" not in columns:
         return motion
     violation = np.abs(columns["departures"].reshape(len(motion.t), -1))
-    if violation.max(initial=0.0) <= LOST:  # no NaN is
+    if violation.max(initial=0.0) <= OFF_CONSTRAINTS:  # no NaN is
         if not motion.message or not flow.projecting:
             return motion
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
         return replace(motion, message=motion.message + locked)
-    first = max(1, int(np.argmax(~(violation <= LOST).all(axis=1))))
+    first = max(1, int(np.argmax(~(violation <= OFF_CONSTRAINTS).all(axis=1))))
     worst = int(np.nanargmax(violation[first]))
     if worst < len(flow.slipping):
         unit = "m/s"
@@ -204,7 +206,7 @@ def while_assembled(flow: Flow, motion: Motion, columns: dict[str, Array]) -> Mo
     return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
 
 
-def _singular(flow: Flow, columns: dict[str, Array], motion: Motion, p: Array) -> Array:
+def _singular(flow: StateFlow, columns: dict[str, Array], motion: Motion, p: Array) -> Array:
     """Times of samples at which the constraints are dependent; there, what was seen is seen anew.
 
     The factorisation fails at such a sample, but least squares tell what the mechanism does.
@@ -246,7 +248,7 @@ def _where(times: Array) -> str:
 
 
 def with_occurrences(
-    flow: Flow, observe: Kernel, happened: Sequence[Happened], run: Trajectory
+    flow: StateFlow, observe: Kernel, happened: Sequence[Happened], run: Trajectory
 ) -> Trajectory:
     """The trajectory with what happened, as far as its rows go; `flow` may have its branches held."""
     events = [e for e in happened if run.t[0] <= e.t <= run.t[-1]]

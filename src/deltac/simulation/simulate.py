@@ -34,7 +34,7 @@ from deltac.simulation.arguments import (
 from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.equations import Controller, Equations, RightHandSide, as_equations, by_hand
-from deltac.simulation.flow import Flow, Keeping, build_flow, keeping
+from deltac.simulation.flow import Keeping, StateFlow, build_flow, keeping
 from deltac.simulation.recording import (
     RECORD,
     Record,
@@ -200,15 +200,15 @@ class Compiled:
     `flow_in_motion`: what the solver integrates, `flow` with its branches held where they are events.
     """
 
-    flow: Flow
-    flow_in_motion: Flow
+    flow: StateFlow
+    flow_in_motion: StateFlow
     method: Method | None
     events: Eventful | None
     observe: Kernel
     observe_events: Kernel
 
 
-_KEPT: LRUCache[Compiled] = LRUCache(32)
+_RUNS: LRUCache[Compiled] = LRUCache(32)
 
 
 def _compiled(
@@ -261,10 +261,10 @@ def _compiled(
             observer(flow_in_motion) if switches else observe,
         )
 
-    return _KEPT.get(key, make)
+    return _RUNS.get(key, make)
 
 
-def _method(flow: Flow, solver: Solver) -> Method | None:
+def _method(flow: StateFlow, solver: Solver) -> Method | None:
     """The compiled steps of a solver; None of the families that bring their own."""
     if solver.family == "fixed":
         return FixedMethod(flow, solver)
@@ -322,7 +322,7 @@ def _circumstances(
     mechanism: Mechanism,
     equations: Equations | None,
     controller: Controller | None,
-    flow: Flow,
+    flow: StateFlow,
     events: EventRun | None,
     coordinates: CoordinateMap | str | None,
 ) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.errors import InputError, SourceError, UnknownName, closest, listed
 
-TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
+ARGUMENT_TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
 """Names of an argument that is the time."""
 
 STATES = {
@@ -40,7 +40,7 @@ STATES = {
 }
 """Names of an argument that is the whole state, where there is a further one."""
 
-CONTROLS = {
+CONTROL_NAMES = {
     "tau", "torque", "torques", "force", "forces", "f", "F", "action", "act", "ctrl", "control", "controls",
     "inputs", "input", "u_in", "uu", "Tau", "motor", "motors", "M", "wrench", "command", "cmd", "T", "delta",
 }  # fmt: skip
@@ -120,7 +120,7 @@ class StateForm:
         return text
 
 
-PLAIN = StateForm()
+PLAIN_FORM = StateForm()
 
 
 def signature(function: Callable[..., Any]) -> tuple[tuple[str, ...], int] | None:
@@ -142,7 +142,7 @@ def forms(
     count = max(needed, min(len(names), 1))
     names = list(names[:count])
     kinds: list[list[str]] = []
-    timed = next((k for k, name in enumerate(names) if name.lower() in TIMES), None)
+    timed = next((k for k, name in enumerate(names) if name.lower() in ARGUMENT_TIMES), None)
     rest = [name for k, name in enumerate(names) if k != timed]
     bodies: dict[int, list[list[str]]] = {
         1: [["state"], ["augmented"]],
@@ -150,7 +150,7 @@ def forms(
         3: [["q", "u", "control"]],
     }
     chosen = list(bodies.get(len(rest), []))
-    if len(rest) == 2 and (rest[0] in STATES or rest[1] in CONTROLS):
+    if len(rest) == 2 and (rest[0] in STATES or rest[1] in CONTROL_NAMES):
         chosen.reverse()
     for body in chosen:
         if timed is None:
@@ -187,7 +187,7 @@ Order: TypeAlias = "str | Sequence[str] | None"
 """What the entries of a state vector are: names, or "interleaved"; None where it is to be found out."""
 
 
-def told_order(
+def declared_order(
     order: str | Sequence[str], coordinates: Sequence[str], speeds: Sequence[str]
 ) -> tuple[int, ...]:
     """The order that a user told: entry k of the state is entry order[k] of (q, u).
@@ -247,14 +247,14 @@ def candidate_forms(
     order of that vector's entries, only such forms are left.
     """
     nq, nu = len(coordinates), len(speeds)
-    places = None if order is None else told_order(order, coordinates, speeds)
+    places = None if order is None else declared_order(order, coordinates, speeds)
     vector = form == "ode" or places is not None
     if parameters is not None:
         candidates = list(forms(*parameters, nq, nu, motors))
     elif vector:
         candidates = [StateForm(("t", "state"), usual) for usual in usual_orders(nq, nu)]
     else:
-        candidates = [PLAIN]
+        candidates = [PLAIN_FORM]
     if vector:
         candidates = [one for one in candidates if one.order]
     if places is not None:

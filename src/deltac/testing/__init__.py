@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
     from deltac.diagnosis.check.check import EquationCheck
-    from deltac.diagnosis.study.study import Study
+    from deltac.diagnosis.study.result import Study
     from deltac.models import ModelLike
     from deltac.results import Report
     from deltac.simulation.equations import Equations, RightHandSide

@@ -43,7 +43,7 @@ def balanced(request: pytest.FixtureRequest) -> Callable[..., Audit]:
 
 
 PACKAGE = Path(__file__).parents[1]
-LIBRARIES = {Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")}
+LIBRARY_FOLDERS = {Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")}
 """Where Python and what is installed beside it have their files."""
 
 
@@ -68,7 +68,7 @@ def users(traceback: TracebackType | None) -> TracebackType | None:
     ours = next((k for k, file in enumerate(files) if PACKAGE in file.parents), len(files))
     shown = None
     for k, (frame, line) in reversed(list(enumerate(frames))):
-        if k < ours or not {PACKAGE, *LIBRARIES} & set(files[k].parents):
+        if k < ours or not {PACKAGE, *LIBRARY_FOLDERS} & set(files[k].parents):
             shown = TracebackType(shown, frame, frame.f_lasti, line)
     return shown
 

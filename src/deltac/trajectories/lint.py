@@ -27,7 +27,7 @@ from deltac.trajectories.rates import GAP
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 _DEGREE = math.pi / 180.0
-MANY, STRETCHES = LONG_LOG, 8
+LOOKED_AT, NEIGHBOURS = LONG_LOG, 8
 """Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
 # r -> (kind, which column is wrong, its factor to SI, what it says)
@@ -85,7 +85,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
         return result  # u was derived from q: they agree by construction
     kinematics = RateNames.of(run.coordinates, run.speeds)
     reach = np.ptp(run.q, axis=0)
-    run = some_stretches(run, STRETCHES, MANY // STRETCHES)
+    run = some_stretches(run, NEIGHBOURS, LOOKED_AT // NEIGHBOURS)
     fits = _fits(run, kinematics.rates)
     turns = [_turning(run, *place) for place in kinematics.quaternions]
     ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
@@ -105,7 +105,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
 
 
 def some_stretches(run: Trajectory, count: int, size: int) -> Trajectory:
-    """So many stretches of a long log, of so many rows; over the gaps between them nothing is compared.
+    """A number of stretches of a long log; nothing is compared across the gaps between them.
 
     Works, integrals and events are of all rows and stay out.
     """

@@ -24,10 +24,10 @@ T = TypeVar("T")
 CLEAR_RATIO = 0.5
 """A reading other than the declared or usual one must miss by so much less."""
 
-FIT, CLOSE = 0.98, 0.02
+FIT, NEAR_RATIO = 0.98, 0.02
 """Least correlation of a fit that counts, and how near its ratio is to a known one, relative."""
 
-_PARTS = 40
+INCREMENTS = 40
 """Parts of a log over which increments are summed."""
 
 
@@ -69,7 +69,7 @@ class Movement:
 
         Summed over some rows the noise of coordinates falls out; then they must agree twice as well.
         """
-        rows = np.arange(0, len(self.increments), max(1, len(self.increments) // _PARTS))
+        rows = np.arange(0, len(self.increments), max(1, len(self.increments) // INCREMENTS))
         sums = (
             np.add.reduceat(values, rows, axis=0) for values in (self.increments, self.integrals)
         )
@@ -99,7 +99,7 @@ class RatioFit:
 
     def near(self, value: float) -> bool:
         """Whether it counts, and its ratio is this one."""
-        return self.good and abs(self.ratio / value - 1.0) <= CLOSE
+        return self.good and abs(self.ratio / value - 1.0) <= NEAR_RATIO
 
     def beats(self, usual: RatioFit) -> bool:
         """Whether this reading fits where the usual one does not, and by far better."""

@@ -19,7 +19,7 @@ from deltac.trajectories.columns import MechanismNames, RateNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
 
 GAP = 5.0
-"""Rows so many times further apart than those around have a gap between them."""
+"""Ratio of an interval to those around it above which it is a gap."""
 
 FEWEST_ROWS = 4
 """Rows without which a motion cannot be differentiated."""

@@ -546,7 +546,7 @@ class Trajectory(Shown, Once):
 def as_numbers(label: str, values: Any) -> FloatArray:
     """A read-only float64 copy of `values`; InputError when they are not real numbers.
 
-    What nobody can write to, and is no view of what somebody can, is not copied.
+    Arrays that are read-only, and no views of writeable ones, are not copied.
     """
     try:
         array = np.asarray(values)
@@ -627,7 +627,6 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
     if isinstance(names, str):
         raise WrongType(f"{what}: found the text {names!r}, expected several names; use a tuple")
     names = tuple(names)
-    names_so_far: set[str] = set()
     for name in names:
         if not isinstance(name, str) or not name.strip():
             raise LogError(f"{what}: found {name!r}, expected a name that is not blank")
@@ -635,9 +634,9 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
         lost = ("Cc", "Cs", "Zl", "Zp")
         if not name.isprintable() and any(unicodedata.category(c) in lost for c in name):
             raise LogError(f"{what}: {name!r} has a control character or a line break; rename it")
-        if name in names_so_far:
-            raise LogError(f"{what}: {name!r} appears twice; names must be distinct")
-        names_so_far.add(name)
+    if len(set(names)) < len(names):
+        twice = next(name for k, name in enumerate(names) if name in names[:k])
+        raise LogError(f"{what}: {twice!r} appears twice; names must be distinct")
     return names
 
 

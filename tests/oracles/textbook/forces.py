@@ -4,8 +4,6 @@ A force element is a set of forces at points of bodies and of moments, in the wo
 mass centre (F; M = d × F), as Kane does before dotting it with partial velocities.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import math
@@ -49,7 +47,7 @@ def channel_forces(now: Situation) -> tuple[ChannelForce, ...]:
 
 def _gravity(now: Situation) -> ChannelForce:
     """V = −Σ m g·x_G."""
-    g, V = now.values(now.mechanism.gravity), 0.0
+    g, V = now.values(now.mechanism.gravity), 0.0  # type: ignore[arg-type]
     acting = []
     for body in now.mechanism.bodies:
         mass, centre = now.mechanism.number(body.mass), now.place(body.name, body.mass_centre)
@@ -225,7 +223,7 @@ def _tendon(now: Situation, element: Tendon) -> list[ChannelForce]:
 
 
 def _gravity_compensation(now: Situation, element: GravityCompensation) -> list[ChannelForce]:
-    m, g, acting = now.mechanism, now.values(now.mechanism.gravity), []
+    m, g, acting = now.mechanism, now.values(now.mechanism.gravity), []  # type: ignore[arg-type]
     for name, fraction in element.fractions:
         lift = -m.number(fraction) * m.number(m.body(name).mass) * g
         acting.append((name, now.place(name, m.body(name).mass_centre), lift, np.zeros(3)))

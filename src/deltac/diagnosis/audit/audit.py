@@ -13,7 +13,7 @@ from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
+from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
 from deltac.diagnosis.audit.filters import unfiltered
@@ -34,8 +34,8 @@ from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
     Judged,
-    Kind,
     Verdict,
+    VerdictKind,
     check_tolerance,
     function_of,
 )
@@ -133,7 +133,7 @@ class Audit(
     condition: str = ""
     explanation: Explanation | None = None
     causes: tuple[Cause, ...] = ()
-    odds: dict[Kind, float] = field(default_factory=dict)
+    odds: dict[VerdictKind, float] = field(default_factory=dict)
     strict: bool = False
 
     @property
@@ -173,7 +173,8 @@ class Audit(
         Of wrong equations it would say nothing, nor where nothing moves.
         """
         wrong = self.verdict.kind == "equation-error"
-        if wrong or self.inference is None or self.ledger.at_rest:
+        moving = not (self.ledger.at_rest or self.ledger.still)
+        if wrong or self.inference is None or not moving:
             return ""
         if self._unpredictable:
             return f"No step can be predicted for the tolerance: {self._unpredictable}."
@@ -344,7 +345,7 @@ _BEYOND_TOLERANCE = (
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
 
-SHARES = {"read": 0.4, "evidence": 0.6}
+AUDIT_SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""
 
 
@@ -396,7 +397,7 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     source = _Source(log, mapping, coordinates, replay)
-    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, SHARES))
+    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, AUDIT_SHARES))
     return _audit(reference, judged, strict)
 
 
@@ -405,7 +406,7 @@ def audit(
 @one_thread_per_matrix()
 def explain_residual(
     model: ModelLike,
-    log: LogLike | list[LogLike],
+    log: LogLike | Sequence[LogLike],
     *,
     mapping: MappingLike = None,
     coordinates: CoordinateMap | str | None = None,
@@ -448,9 +449,9 @@ def explain_residual(
     if not logs:
         raise LogError("the list of logs is empty; give one log, or several of the same machine")
     judgements = list[Judgement]()
-    for one in counted(logs, progress or untold):
+    for one in counted(logs, progress or no_progress):
         source = _Source(one, mapping, coordinates, replay, passive=False)
-        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, SHARES))
+        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, AUDIT_SHARES))
         if judged.inference is None and not judged.explanation.reasons:
             raise LogError(
                 f"the log has {len(judged.rows)} rows, or the model's motion leaves all bounds between them: "
@@ -483,7 +484,7 @@ class _Source:
 
 
 def _judged(
-    model: ModelLike, reference: Reference, source: _Source, limit: TimeLimit, parts: Parts
+    model: ModelLike, reference: AuditReference, source: _Source, limit: TimeLimit, parts: Parts
 ) -> Judgement:
     """A log, read, perhaps stepped again, and judged."""
     log, mapping = source.log, source.mapping
@@ -539,7 +540,7 @@ def audit_together(
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class AuditReference:
     """What a log is judged against, and how."""
 
     mechanism: Mechanism
@@ -548,18 +549,18 @@ class Reference:
     work: str | None
 
 
-def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
+def _reference(model: ModelLike, tolerance: float, work: str | None) -> AuditReference:
     check_tolerance(tolerance)
     loaded = load_model(model)
-    return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
+    return AuditReference(loaded.mechanism, loaded.import_report, tolerance, work)
 
 
 def _judgement(
-    reference: Reference,
+    reference: AuditReference,
     log: Log,
     known: Sequence[Finding],
     limit: TimeLimit,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
     departures: Array | None = None,
 ) -> Judgement:
     """What a log's columns say, the inference of its rows, and what follows.
@@ -641,7 +642,7 @@ def _judgement(
 
 
 def _inferred(
-    reference: Reference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
+    reference: AuditReference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
 ) -> tuple[Inference | None, Log | None]:
     """The inference of the rows of a log; and the log of what went into a filter, if it is one of that."""
     mechanism = reference.mechanism
@@ -698,7 +699,7 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     return replace(run, forces=forces, integrals={}, works={}, stages=stages)
 
 
-def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
+def _audit(reference: AuditReference, judged: Judgement, strict: bool) -> Audit:
     """A judgement as users see it."""
     run, ledger, report = judged.run, judged.ledger, reference.import_report
     verdict, explanation = judged.verdict, judged.explanation
@@ -809,7 +810,7 @@ def _pooled(share: Share, balance: Share) -> Share:
     return min(balance, share, key=lambda one: one.error)
 
 
-def _with_held_forces(reference: Reference, log: Log, inference: Inference | None) -> Log:
+def _with_held_forces(reference: AuditReference, log: Log, inference: Inference | None) -> Log:
     """The log with works and impulses of forces that were held over each step, known without quadrature."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:

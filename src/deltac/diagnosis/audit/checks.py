@@ -19,7 +19,7 @@ from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.residuals.at_samples import MOST_ROWS, run_residual, stale_stage
+from deltac.diagnosis.residuals.at_samples import MOST_SAMPLES, run_residual, stale_stage
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import some_rows
 from deltac.diagnosis.verdict import Finding, Weight, percent
@@ -134,17 +134,17 @@ def _filtered_law(
     """Delay and width (s) of a filter by which columns follow their laws; None where they follow by none.
 
     A filter of unit gain makes x + c₁ẋ + c₂ẍ + … of a law x, −c₁ its delay and 2c₂ − c₁² the square of its
-    width: one that sharpens has another gain. One wider than `WIDEST` rows is none of a log; its start and
-    end are of their own.
+    width: one that sharpens has another gain. One wider than `WIDEST_FILTER` rows is none of a log; its
+    start and end are of their own.
     """
     step = float(np.median(np.diff(run.t)))
     inside = slice(len(run) // EDGE, len(run) - len(run) // EDGE)
-    nodes = step * np.arange(-MOMENTS, MOMENTS + 1)
+    nodes = step * np.arange(-FILTER_MOMENTS, FILTER_MOMENTS + 1)
     inverse = np.linalg.inv(np.vander(nodes / step, increasing=True))
     derivatives = [
         np.tensordot(inverse, np.stack([law(run.t + s) for s in nodes]), 1) for law in series
     ]
-    x = np.concatenate([d[: MOMENTS + 1, inside] for d in derivatives], axis=1)
+    x = np.concatenate([d[: FILTER_MOMENTS + 1, inside] for d in derivatives], axis=1)
     gap = np.concatenate([y[inside] for y in own.T]) - x[0]
     moments, *_ = np.linalg.lstsq(x[1:].T, gap, rcond=1e-12)
     delay, square = -float(moments[0]), float(2.0 * moments[1] - moments[0] ** 2)
@@ -153,11 +153,11 @@ def _filtered_law(
     # Noise that went through the filter keeps no time with the law.
     noise = autocorrelation_time(rest) < SOON * autocorrelation_time(own[inside])
     followed = np.abs(rest).max() <= (NOISE * np.abs(own).max() if noise else allowed)
-    smooths = square > -1.0 and max(abs(delay), width) < WIDEST
+    smooths = square > -1.0 and max(abs(delay), width) < WIDEST_FILTER
     return (delay * step, width * step) if followed and smooths else None
 
 
-MOMENTS, WIDEST, EDGE = 4, 10.0, 20
+FILTER_MOMENTS, WIDEST_FILTER, EDGE = 4, 10.0, 20
 """Moments of a filter that are looked for, its largest delay and width, rows, and the share of a log at
 either end in which it starts and ends: one in so many rows."""
 
@@ -223,7 +223,11 @@ def own_laws(
     mechanism: Mechanism, run: Trajectory
 ) -> tuple[NDArray[np.intp], dict[ChannelName, Array]]:
     """Some rows of a run, and there the generalized forces (T, n) of the channels that the model computes."""
-    rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
+    rows, free, motion = (
+        some_rows(run, MOST_SAMPLES),
+        mechanism.free,
+        equations_of_motion(mechanism),
+    )
     columns = (run.q[np.ix_(rows, free.q)], run.u[np.ix_(rows, free.u)])
     lawless = {part.name for part in motion.channels if part.logged}
     forces = motion.forces(run.t[rows], *columns)

@@ -40,19 +40,23 @@ from deltac.trajectories.lint import some_stretches
 LARGE = 0.05
 """Share of the accelerations that the equations leave where conventions are asked for without a cause."""
 
-LEFT = 0.1
+LEFT_BY_RIGHT = 0.1
 """What the right one may leave of that: what the integrator did, and what forces did between the rows."""
 
-PARTS, ROWS = 4, 100
+STRETCHES_LOOKED_AT, ROWS_LOOKED_AT = 4, 100
 """Stretches of a log that are looked at, and their rows: fewer of many speeds."""
 
 SHORTEST = 8
 """Rows of a log at least."""
 
-MANY = 8
+MANY_COLUMNS = 8
 """Columns up to which any two may be exchanged; of more, neighbours."""
 
-UNITS = (("degrees", "rad", 180.0 / np.pi), ("millimetres", "m", 1e3), ("centimetres", "m", 1e2))
+OTHER_UNITS = (
+    ("degrees", "rad", 180.0 / np.pi),
+    ("millimetres", "m", 1e3),
+    ("centimetres", "m", 1e2),
+)
 """Finding, unit of the model, how many of the other unit make one of it."""
 
 PARALLEL = 1e-6
@@ -153,7 +157,11 @@ def _best(
     residuals = np.array([_left(model, reading.of(part), inference) for reading in readings])
     # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
     doubts = np.array([reading.weight == "doubt" for reading in readings])
-    order = [int(k) for k in np.lexsort((doubts, _digits(residuals))) if residuals[k] < LEFT * was]
+    order = [
+        int(k)
+        for k in np.lexsort((doubts, _digits(residuals)))
+        if residuals[k] < LEFT_BY_RIGHT * was
+    ]
     for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
         for k in order[: 3 if way is infer_alone else 1]:
             other = way(mechanism, readings[k].of(run))
@@ -182,7 +190,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     """A joint that turns or slides along another axis of its frame than in the model."""
     single = [j for j in mechanism.joints if len(j.axes) == 1]
     built = any(c.edit is not None for c in inference.posterior.best.chosen)
-    if not single or len(single) > MANY or (built and inference.closes):
+    if not single or len(single) > MANY_COLUMNS or (built and inference.closes):
         return None
     part = _some(run)
     was = _left(Model(mechanism, part), part, inference)
@@ -199,7 +207,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     if not trials:
         return None
     residual, joint, name, other = min(trials, key=lambda item: item[0])
-    test = infer_alone(other, run) if residual < LEFT * was else None
+    test = infer_alone(other, run) if residual < LEFT_BY_RIGHT * was else None
     if test is None or not _closes(test, inference):
         return None
     return Finding(
@@ -229,7 +237,11 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
 
 def _some(run: Trajectory) -> Trajectory:
     """A few stretches of a log."""
-    return some_stretches(run, PARTS, max(SHORTEST, ROWS * MANY // max(len(run.speeds), MANY)))
+    return some_stretches(
+        run,
+        STRETCHES_LOOKED_AT,
+        max(SHORTEST, ROWS_LOOKED_AT * MANY_COLUMNS // max(len(run.speeds), MANY_COLUMNS)),
+    )
 
 
 def _left(model: Model, run: Trajectory, inference: Inference) -> float:
@@ -268,7 +280,7 @@ def _acting(log: LoggedForces) -> list[tuple[str, int]]:
 
 def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
     names, units = _named(mechanism, run)
-    for kind, ours, many in UNITS:
+    for kind, ours, many in OTHER_UNITS:
         some = np.flatnonzero(units == ours)
         if not len(some) or (ours == "m" and mechanism.constraints):
             continue  # constraints tell lengths: at a thousandth of them there is no motion to compare
@@ -307,7 +319,7 @@ def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading
             same - before,
         )
     for a, b in combinations(range(len(names)), 2):
-        if units[a] == units[b] and (len(names) <= MANY or b == a + 1):
+        if units[a] == units[b] and (len(names) <= MANY_COLUMNS or b == a + 1):
             yield Reading(
                 "swapped-joints",
                 names[a],
@@ -326,7 +338,7 @@ def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading
             )
     acting = [n for n, f in run.forces.items() if np.count_nonzero(np.ptp(f, axis=0)) == 1]
     for k, other in combinations(range(len(acting)), 2):
-        if len(acting) <= MANY or other == k + 1:
+        if len(acting) <= MANY_COLUMNS or other == k + 1:
             yield Reading(
                 "swapped-forces",
                 acting[k],

@@ -29,14 +29,14 @@ from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 
 BEGIN = 1.0
 """Number a to begin with, rows; Butterworth's filter has b = a²/2."""
 
-LEFT = 0.3
+LEFT_OF_INPUT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
 
 NOTHING = 0.01
@@ -124,12 +124,12 @@ class _Fit:
     left: float
 
 
-KINDS = ("smooth", "start")
+BETWEEN_ROWS = ("smooth", "start")
 """How forces act between rows of a fit."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _FilteredRows:
     """Rows of a log that went through a filter, perhaps by equations with causes of these columns in them."""
 
     model: Model
@@ -222,7 +222,7 @@ class _Rows:
             flat = self._flat(x)
             return np.asarray(flat - basis @ (basis.T @ flat))
 
-        for kind in KINDS if run.forces else KINDS[:1]:
+        for kind in BETWEEN_ROWS if run.forces else BETWEEN_ROWS[:1]:
             forces = point.forces.alike(kind)
             # A memory is a filter as well.
             methods = tuple(m for m in INTEGRATORS if m.memory is None)
@@ -238,7 +238,7 @@ class _Rows:
                     yield float(np.sqrt(np.median(each))), step
 
 
-def _likely(rows: _Rows) -> list[_Fit]:
+def _likely(rows: _FilteredRows) -> list[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
     settled = list[_Fit]()
     for trapezoid, forces in product((True, False), (False, True)):
@@ -249,7 +249,7 @@ def _likely(rows: _Rows) -> list[_Fit]:
             fit = rows.improved(_Fit(first, np.inf), alternates=False)
             if fit.left <= rows.whole:
                 settled.append(rows.settled(fit))
-    share = LEFT if rows.kernels else NOTHING
+    share = LEFT_OF_INPUT if rows.kernels else NOTHING
     right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
     return sorted(right, key=lambda fit: fit.left)
 
@@ -273,11 +273,11 @@ def unfiltered(
         return None  # what acts elsewhere only has no column here
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
-    with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
-        if _Rows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
+    with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
+        if _FilteredRows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
             return None
-        for fit in _likely(_Rows(model, part, kernels)):
-            own = _Rows(model, run, kernels).settled(fit).filter
+        for fit in _likely(_FilteredRows(model, part, kernels)):
+            own = _FilteredRows(model, run, kernels).settled(fit).filter
             return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 

@@ -20,7 +20,7 @@ from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.result import Inference
 from deltac.diagnosis.verdict import LEAST_ORDER
 
-ROWS = 200
+PREDICTED_ROWS = 200
 """Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""
 
 SHARE = 0.1
@@ -69,7 +69,7 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     if method is None:
         return None
     log, model = inference.log, inference.model
-    every = max(1, len(log.intervals) // ROWS)
+    every = max(1, len(log.intervals) // PREDICTED_ROWS)
     some = slice(None, None, every)
     start = log.intervals.start.take(some)
     duration = log.intervals.h[:, 0]

@@ -31,12 +31,12 @@ from deltac.trajectories.formats.recognition import arrays_named
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-    from deltac.diagnosis.audit.audit import Reference
+    from deltac.diagnosis.audit.audit import AuditReference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")
 
-MOST_STEPS = 20_000
+REPLAYED_STEPS = 20_000
 """Steps of a replay that nobody asked for: each takes milliseconds, as all of its forces are recorded."""
 
 
@@ -57,7 +57,7 @@ class Attempt:
 
 def replayed(
     model: ModelLike,
-    reference: Reference,
+    reference: AuditReference,
     log: LogLike,
     mapping: MappingLike,
     *,
@@ -148,10 +148,10 @@ def _unasked(
         if limit.passed("the replay of the log by MuJoCo", seconds):
             return Attempt(None)
         steps = replay.steps * intervals
-        if steps > MOST_STEPS:
+        if steps > REPLAYED_STEPS:
             return _not_replayed(
                 "the log is long, and was not stepped again",
-                f"{steps} steps of the model, more than {MOST_STEPS}",
+                f"{steps} steps of the model, more than {REPLAYED_STEPS}",
                 "Ask for it (replay=True, --replay), or audit a part of the log",
             )
         return _attempt(program, mechanism, reading)

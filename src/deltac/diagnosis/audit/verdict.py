@@ -30,7 +30,7 @@ from deltac.diagnosis.inference.result import (
     Inference,
     Share,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Finding, Verdict, VerdictKind, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS, SHOWN
 from deltac.trajectories import Trajectory
@@ -50,10 +50,10 @@ dampers are rarely known to better than a per cent."""
 COASTING = 1e6
 """Energy of what coasts, in units of what it exchanges."""
 
-MOST = 0.9
+MOST_EXPLAINED = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
-EXACT = 1e-6
+EXACT_ROWS = 1e-6
 """Noise of rows as a share of their changes below which they are as a simulator computed them."""
 
 
@@ -93,10 +93,15 @@ class Judgement:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves. What coasts exchanges no energy either, but its rows tell."""
+        """Whether nothing moves. What coasts exchanges no energy either, but its rows tell.
+
+        What has settled exchanges what weight takes and a floor gives back; its rows tell whether forces
+        balance, and nothing of an integrator.
+        """
         ledger = self.ledger
         coasts = ledger.reference_energy > COASTING * ledger.energy_exchanged
-        return ledger.at_rest and not (coasts and self.inference is not None)
+        settled = ledger.still and not self.certain and self.mistake[1] < PROBABLE["medium"]
+        return settled or (ledger.at_rest and not (coasts and self.inference is not None))
 
     @cached_property
     def energy_error(self) -> tuple[float, float]:
@@ -161,7 +166,7 @@ class Judgement:
             and not self.smoothed
             and generic.log_odds > CERTAIN
             and generic.exchanged > self.allowed_flow
-            and generic.explained > MOST
+            and generic.explained > MOST_EXPLAINED
             and self.left_flow > self.allowed_flow
         )
 
@@ -285,7 +290,7 @@ class Judgement:
         return float(self.inference.unexplained > self.allowed)
 
     @cached_property
-    def odds(self) -> dict[Kind, float]:
+    def odds(self) -> dict[VerdictKind, float]:
         """Probabilities of the four verdicts; they add up to one."""
         return self._odds(self.integrator)
 
@@ -298,7 +303,7 @@ class Judgement:
         far = float(self._beyond(joules, error, ROUND))
         return self._odds(far)["consistent"] >= PROBABLE["medium"]
 
-    def _odds(self, integrator: float) -> dict[Kind, float]:
+    def _odds(self, integrator: float) -> dict[VerdictKind, float]:
         """Probabilities of the verdicts, by that of too many joules of the integrator."""
         if self.still or self.doubts:
             return {
@@ -382,7 +387,7 @@ class Judgement:
             return False
         generic = inference.generic
         if inference.intermittent[0] > CERTAIN or (
-            generic.log_odds > CERTAIN and generic.explained > MOST
+            generic.log_odds > CERTAIN and generic.explained > MOST_EXPLAINED
         ):
             return False
         noise = bool((self.left <= NEAR * inference.relative[1]).all())
@@ -421,7 +426,7 @@ class Judgement:
     # --- the verdict ---
 
     @cached_property
-    def kind(self) -> Kind:
+    def kind(self) -> VerdictKind:
         """The verdict."""
         kind = max(self.odds, key=lambda k: self.odds[k])
         kind = "consistent" if self.near_tolerance else kind
@@ -521,7 +526,7 @@ def _clear(e: Judgement) -> bool:
     inference = e.inference
     if inference is None or e.filtered or e.incomplete or inference.unnamed > SLIGHT:
         return False
-    if e.attribution is None or float(inference.relative[1].max()) < EXACT:
+    if e.attribution is None or float(inference.relative[1].max()) < EXACT_ROWS:
         return True
     return inference.flow > SLIGHT * e.attribution.integrator.largest[0]
 
@@ -565,7 +570,7 @@ def _departing_equations(e: Judgement) -> Finding | None:
     )
 
 
-def _missing_contact(e: Judgement, inference: Inference, kind: Kind) -> Finding:
+def _missing_contact(e: Judgement, inference: Inference, kind: VerdictKind) -> Finding:
     active, n = inference.intermittent[1], inference.model.n
     size = np.abs(inference.residual[:, n:] / inference.log.intervals.h)
     k = int(np.argmax(size[active].max(axis=0)))

@@ -49,12 +49,12 @@ MASSES = "Check masses and inertias of the model against those that the simulato
 TERMS = "Check the terms in products of speeds in the equations of the run, or its frames"
 GRAVITY = "Give model and simulator the same gravity"
 ADD = "Add it to the model, or log its force"
-PLACES = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
-AXES = "Compare the axes and frames of the model's joints with those of the machine or the simulator's model"
+LAYOUT = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
+TILTS = "Compare the axes and frames of the model's joints with those of the machine or the simulator's model"
 
 
 @dataclass(frozen=True)
-class Kind:
+class CauseKind:
     """A kind of cause, in words.
 
     words   the cause in a sentence, of what `result.sentence` fills in
@@ -74,33 +74,33 @@ class Kind:
     tells: str = ""
 
 
-def _factor(words: str, remedy: str, sign: Sign = "any", tells: str = "") -> Kind:
-    return Kind(words, remedy, "factor", "1", sign, tells)
+def _factor(words: str, remedy: str, sign: Sign = "any", tells: str = "") -> CauseKind:
+    return CauseKind(words, remedy, "factor", "1", sign, tells)
 
 
-def _mass(words: str, tells: str) -> Kind:
+def _mass(words: str, tells: str) -> CauseKind:
     return _factor(f"{words}{{more}}", MASSES, "factor", tells)
 
 
-def _lacking(what: str, number: str, unit: str) -> Kind:
+def _lacking(what: str, number: str, unit: str) -> CauseKind:
     words = f"a {what} of {{shown}} {{unit}} at joint {{element}} that the model does not have"
-    return Kind(words, ADD, number, unit, "positive")
+    return CauseKind(words, ADD, number, unit, "positive")
 
 
-def _other(what: str, number: str, unit: str, sign: Sign = "any") -> Kind:
+def _other(what: str, number: str, unit: str, sign: Sign = "any") -> CauseKind:
     words = f"the {what} of joint {{element}} in the run is {{shown}}, not {{base}} {{unit}}"
-    return Kind(words, SAME_VALUE, number, unit, sign)
+    return CauseKind(words, SAME_VALUE, number, unit, sign)
 
 
-def _push(what: str, frame: str, unit: str) -> Kind:
+def _push(what: str, frame: str, unit: str) -> CauseKind:
     words = (
         f"a constant {what} of {{several}} {unit} along {{axes}} of the {frame} acts on {{element}}"
     )
-    return Kind(words, unit=unit)
+    return CauseKind(words, unit=unit)
 
 
-def _geometry(words: str, remedy: str, unit: str) -> Kind:
-    return Kind(words, remedy, unit=unit)
+def _geometry(words: str, remedy: str, unit: str) -> CauseKind:
+    return CauseKind(words, remedy, unit=unit)
 
 
 KINDS = {
@@ -125,13 +125,13 @@ KINDS = {
     "missing-damper": _lacking("viscous damping", "damping", "{F}·s/{q}"),
     "missing-rotor-inertia": _lacking("rotor inertia", "rotor inertia", "{J}"),
     "armature": _other("rotor inertia", "rotor inertia", "{J}", "positive"),
-    "zero-offset": Kind(
+    "zero-offset": CauseKind(
         "the zero of joint {element} is off: it is logged {shown} {unit} too large",
         "Calibrate the zero of this coordinate, or subtract the offset",
         "offset",
         "{q}",
     ),
-    "body-centre": Kind(
+    "body-centre": CauseKind(
         "the mass centre of {element} in the run is displaced by {several} m along {axes} of the body",
         MASSES,
         unit="m",
@@ -140,7 +140,7 @@ KINDS = {
     "body-moments": _mass(
         "the central moments of inertia of {element} in the run are {shown} times the model's", "J"
     ),
-    "body-moment": Kind(
+    "body-moment": CauseKind(
         "the central moment of inertia {axes} of {element} in the run is {shown}, not {base} kg·m²",
         MASSES,
         unit="kg·m²",
@@ -150,55 +150,55 @@ KINDS = {
     "missing-friction": _lacking("dry friction", "friction", "{F}"),
     "missing-drag": _lacking("drag by the square of the speed", "drag", "{F}·s²/{q}²"),
     "missing-spring": _lacking("spring stiffness", "stiffness", "{F}/{q}"),
-    "rest-angle": Kind(
+    "rest-angle": CauseKind(
         "the spring of joint {element} rests at {shown}, not {base} {unit}",
         SAME_VALUE,
         "rest",
         "{q}",
     ),
-    "actuator-delay": Kind(
+    "actuator-delay": CauseKind(
         "{element} acts {shown} s later than logged",
         "Log the force that acted, not the one that was commanded",
         "delay",
         "s",
     ),
-    "late-forces": Kind(
+    "late-forces": CauseKind(
         "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were "
         "filtered are late beside forces that were not",
         "Log states and forces of the same instant, both filtered or neither",
         "delay",
         "s",
     ),
-    "late-laws": Kind(
+    "late-laws": CauseKind(
         "laws of time act {numbers[0]} s later than in the model: they are late, or the log, as by a filter",
         "Subtract the delay from the times of the log, or give the model's laws that phase",
         "delay",
         "s",
     ),
-    "constant-force": Kind(
+    "constant-force": CauseKind(
         "a constant force of {shown} {unit} acts on joint {element}", ADD, "force", "{F}"
     ),
-    "missing-stop": Kind(
+    "missing-stop": CauseKind(
         "joint {element} has a stop that the model does not have: a stiffness of {several} {unit} {where}",
         unit="{F}/{q}",
         sign="positive",
     ),
-    "gravity-vector": Kind(
+    "gravity-vector": CauseKind(
         "gravity in the run is {several} m/s², not {bases}", GRAVITY, unit="m/s²"
     ),
     "applied-force": _push("force", "world", "N"),
     "applied-moment": _push("moment", "world", "N·m"),
     "thrust": _push("force", "body", "N"),
     "body-torque": _push("moment", "body", "N·m"),
-    "body-tensor": Kind(
+    "body-tensor": CauseKind(
         "the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)",
         MASSES,
         unit="kg·m²",
         tells="J",
     ),
-    "link-length": Kind(
+    "link-length": CauseKind(
         "{element} in the run is {shown} m long {origin}, not {base} m",
-        PLACES,
+        LAYOUT,
         "length",
         "m",
         "positive",
@@ -206,57 +206,59 @@ KINDS = {
     "body-size": _factor(
         "{element} in the run is {shown} times as long as in the model, with its joints, mass centre and "
         "inertia{more}",
-        PLACES,
+        LAYOUT,
         "factor",
         "cJ",
     ),
     "joint-axis": _geometry(
         "the axis of joint {element} in the run is tilted by {several} rad about {axes} of its frame",
-        AXES,
+        TILTS,
         "rad",
     ),
     "joint-position": _geometry(
         "joint {element}, with all that it carries, sits {several} m further along {axes} of {origin}",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "joint-pivot": _geometry(
         "the pivot of joint {element} in the run is displaced by {several} m along {axes} of {origin}; the "
         "bodies are where they are",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "body-position": _geometry(
         "{origin} sits {several} m further along its {axes} on joint {element} than in the model",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "joint-orientation": _geometry(
         "joint {element}, with all that it carries, is turned by {several} rad about {axes} of its frame",
-        AXES,
+        TILTS,
         "rad",
     ),
     "body-orientation": _geometry(
         "{origin} is turned by {several} rad about {axes} of its frame at joint {element}",
-        AXES,
+        TILTS,
         "rad",
     ),
-    "element-length": Kind(
+    "element-length": CauseKind(
         "{origin} in the run is {shown} m, not {base} m", SAME_VALUE, "length", "m", "positive"
     ),
-    "contact-size": Kind(
+    "contact-size": CauseKind(
         "{origin} in the run is {shown} m, not {base} m", SAME_VALUE, "size", "m", "positive"
     ),
     "attachment": _geometry(
-        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+        "{origin} is displaced by {several} m along {axes} of the body", LAYOUT, "m"
     ),
     "contact-position": _geometry(
-        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+        "{origin} is displaced by {several} m along {axes} of the body", LAYOUT, "m"
     ),
-    "law-number": Kind(
+    "law-number": CauseKind(
         "a number of {origin} in the run is {shown}, not {base}", SAME_VALUE, "number"
     ),
-    "parameter": Kind("parameter {element} in the run is {shown}, not {base}", SAME_VALUE, "value"),
+    "parameter": CauseKind(
+        "parameter {element} in the run is {shown}, not {base}", SAME_VALUE, "value"
+    ),
     "velocity-terms": _factor(
         "the centrifugal, Coriolis and gyroscopic terms of all bodies are {times}",
         TERMS,
@@ -282,7 +284,7 @@ TOUCHING = (
 SLIPS, SLIPPED = (0.0, -1.0, 2.0, 0.5), 0.02
 """Factors of terms that were forgotten, or have another sign, or a 2 too many or too few; how near."""
 
-UNITS = (3, 6, 7, 9)
+POWERS_OF_TEN = (3, 6, 7, 9)
 """Powers of ten between units of masses and inertias: g, kg·mm², g·cm², g·mm²."""
 
 FREE = "free"
@@ -301,7 +303,7 @@ class Candidate:
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
     words           the sentence that tells it, of what `result.sentence` fills in
-    sign            what its numbers must be, as of its `Kind`
+    sign            what its numbers must be, as of its `CauseKind`
     origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
     edit            builds the mechanism with its numbers, for causes of the geometry
@@ -470,7 +472,7 @@ def other_unit(factor: Array) -> bool:
     if factor.size != 1 or float(factor.ravel()[0]) <= 0.0:
         return False
     power = abs(float(np.log10(factor.ravel()[0])))
-    return any(abs(power - p) < 0.005 for p in UNITS)
+    return any(abs(power - p) < 0.005 for p in POWERS_OF_TEN)
 
 
 def tensor(six: Array) -> Array:

@@ -69,7 +69,7 @@ def geometry_columns(equations: LogEquations, some: Elements = None) -> ColumnKe
     multipliers = ca.SX(0, 1) if bound is None else symbols.reactions.multipliers
     index = () if bound is None else bound.rows.index
     changes: dict[Column, Change] = {}
-    for part, own in PARTS.items():
+    for part, own in GEOMETRY_PARTS.items():
         if some is None or any(what in own for what, _ in some):
             every = part(equations, multipliers, index)
             changes.update((c, x) for c, x in every if some is None or c.of in some)
@@ -595,7 +595,7 @@ def _differentiated(
             yield column, Change(x[:, k], y[:, k])
 
 
-PARTS: dict[Callable[..., Iterator[tuple[Column, Change]]], tuple[What, ...]] = {
+GEOMETRY_PARTS: dict[Callable[..., Iterator[tuple[Column, Change]]], tuple[What, ...]] = {
     _joints: ("joint-place", "body-place"),
     _numbers: ("number",),
     _parameters: ("parameter",),

@@ -12,12 +12,19 @@ from numpy.typing import NDArray
 from deltac.arrays import ROOT_EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, untold
-from deltac.diagnosis.check.example import Example, simplest_failure
-from deltac.diagnosis.check.location import Blame, blame, blame_at, explained, without_sums
+from deltac.calls.progress import Parts, Progress, no_progress
+from deltac.diagnosis.check.location import (
+    Blame,
+    Example,
+    blame,
+    explained,
+    simplest_failure,
+    without_sums,
+)
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
-from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_ROWS
+from deltac.diagnosis.inputs.logs import in_model_order
+from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_SAMPLES
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import ROUGH, Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -33,21 +40,21 @@ from deltac.diagnosis.residuals.states import (
     some_rows,
     states_along,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Finding, Judged, Verdict, VerdictKind
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, load_model
 from deltac.results import SHOWN, Section, Table, fraction
 from deltac.simulation.equations import Equations, RightHandSide, as_equations
-from deltac.simulation.state_form import PLAIN, StateForm
+from deltac.simulation.state_form import PLAIN_FORM, StateForm
 from deltac.trajectories import Trajectory
 
-LIMITS = (
+CHECK_LIMITS = (
     "states other than those drawn, such as a branch that is rarely taken",
     "a parameter that is wrong in both the model and the equations",
 )
 
-MEANINGS: dict[Kind, str] = {
+CHECK_MEANINGS: dict[VerdictKind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
     "unresolved": "The function is too rough, or too often undefined, to decide.",
@@ -69,8 +76,8 @@ class Seen:
 @dataclass(frozen=True, eq=False, repr=False)
 class EquationCheck(
     Judged,
-    omit=("udot", "residuals", "test", "roughness", "coordinates", "states"),
-    also=("mechanism", "count", "relative_residual", "rough"),
+    omit=("udot", "residuals", "test", "coordinates", "states"),
+    also=("mechanism", "count", "relative_residual"),
 ):
     """What a check of equations found.
 
@@ -81,10 +88,10 @@ class EquationCheck(
         example: a simple state at which they fail, and both accelerations; None if they do not.
         states: where they were tested; `udot` (n, B) their accelerations there, `residuals` what is left.
         test: the mechanism's own equations at these states.
-        roughness: of the function, as a fraction of the terms (n,), by speed.
+        rough: roughness of the function, as a fraction of the terms, by speed.
         tolerance: relative residual that is accepted.
         coordinates: the map to the mechanism's coordinates, None for its own.
-        name: what the equations are called; `vectorised`: whether they take batches.
+        name: what the equations are called.
         rates: by coordinate, how far q̇ is off, relative; empty where the function does not return it.
         form: how the function takes the state.
     """
@@ -97,13 +104,12 @@ class EquationCheck(
     udot: Array
     residuals: Residuals
     test: EquationTest
-    roughness: Array
+    rough: Mapping[str, float]
     tolerance: float
     coordinates: CoordinateMap | None
     name: str
-    vectorised: bool
     rates: Mapping[str, float] = field(default_factory=dict)
-    form: StateForm = PLAIN
+    form: StateForm = PLAIN_FORM
 
     @property
     def worst(self) -> float:
@@ -125,11 +131,6 @@ class EquationCheck(
     def relative_residual(self) -> dict[str, float]:
         """The largest relative residual of each equation, by speed."""
         return dict(zip(self.test.speeds, finite_worst(self.residuals)))
-
-    @property
-    def rough(self) -> dict[str, float]:
-        """Roughness of the function, as a fraction of the terms, by speed."""
-        return dict(zip(self.test.speeds, map(float, self.roughness)))
 
     def summary(self) -> str:
         """Verdict, and the largest residual beside the tolerance."""
@@ -177,7 +178,7 @@ RATES = "rates as speeds"
 """A map without its own speeds: Euler's rates in place of body rates, for instance."""
 
 
-SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
+CHECK_SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 """Of the time that each part of a check takes, roughly."""
 
 
@@ -198,9 +199,9 @@ def check_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
-        equations: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function
-            of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (the order of q
-            and u in y is inferred; a control is set to zero); ``"FILE.py:FUNCTION"``; or `Equations`.
+        equations: a function of (t, q, u) that returns u̇, with arrays (n,); a function of (t, y), (y, t), (y)
+            or (y, control) that returns the rates of the state y (the order of q and u in y is inferred; a
+            control is set to zero); ``"FILE.py:FUNCTION"``; or `Equations`.
             Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
@@ -236,16 +237,18 @@ def check_equations(
     if states is None:
         drawn = _drawn(kane, where, count=count, seed=seed)
     elif isinstance(states, Trajectory):
-        drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
+        states, _ = in_model_order(loaded.mechanism, states)
+        drawn = states_along(kane, states, some_rows(states, MOST_SAMPLES))
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn)
     caller = Caller(own.rhs, own.name, kane)
     caller.find_form(test, own, len(loaded.mechanism.motors))
-    parts = Parts(progress, SHARES)
+    parts = Parts(progress, CHECK_SHARES)
+    caller.refuse_memory(drawn)
     caller.progress = parts.part("function")
-    udot = caller(drawn)
-    caller.progress = untold
+    qdot, udot = caller.whole(drawn)
+    caller.progress = no_progress
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
         raise SourceError(
@@ -261,7 +264,7 @@ def check_equations(
     rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR_OF_ROUNDING))
-    rates = _wrong_rates(caller, test)
+    rates = _misses(test, qdot[:, finite])
     judged = _judged(
         test,
         accelerations,
@@ -273,7 +276,7 @@ def check_equations(
         finite=bool(finite.all()),
     )
     wrong = judged.verdict.kind == "equation-error"
-    blamed = blame(caller, test, accelerations, limit, parts.part("blame")) if wrong else ()
+    blamed = blame(test, accelerations, limit, caller, parts.part("blame")) if wrong else ()
     findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
     if wrong and blamed:  # where q̇ alone is wrong, other coordinates explain nothing
         findings += _other_coordinates(loaded, own, chosen, count=count, seed=seed)
@@ -295,7 +298,6 @@ def check_equations(
         verdict=replace(judged.verdict, evidence=evidence, findings=findings, limits=limits),
         blame=blamed,
         example=simplest_failure(caller, test, accelerations, limit) if wrong else None,
-        vectorised=bool(caller.vectorised),
         form=caller.form,
     )
 
@@ -303,25 +305,25 @@ def check_equations(
 def check_states(
     test: EquationTest,
     udot: Array,
-    qdot: Array | None,
+    qdot: Array,
     *,
     name: str,
     tolerance: float | None = None,
     rounding: float = 0.0,
 ) -> EquationCheck:
-    """`check_equations` of accelerations (n, B), perhaps with q̇ (nq, B), that are known at some states only.
+    """`check_equations` of accelerations (n, B), perhaps with q̇ (nq, B), known at some states only.
 
     `rounding` is what the digits leave open of them, relative.
     """
     accepted = max(TOLERANCE, rounding) if tolerance is None else tolerance
     limit = np.full(len(test.speeds), accepted)
-    rates = {} if qdot is None else _misses(test, qdot)
+    rates = _misses(test, qdot)
     rough = np.zeros(len(test.speeds))
     judged = _judged(test, udot, limit, rates, name=name, tolerance=accepted, rough=rough)
-    limits = (*LIMITS, "the function at states that are not in the table")
+    limits = (*CHECK_LIMITS, "the function at states that are not in the table")
     if judged.verdict.kind != "equation-error":
         return replace(judged, verdict=replace(judged.verdict, limits=limits))
-    blamed = blame_at(test, udot, limit)
+    blamed = blame(test, udot, limit)
     findings = () if explained(blamed) else causes_of_model(test, udot)
     return replace(
         judged,
@@ -352,7 +354,7 @@ def _judged(
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
     excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
-    kind: Kind = "consistent"
+    kind: VerdictKind = "consistent"
     confidence: Confidence = "high" if most <= tolerance else "medium"
     if excess > 1.0:
         kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"
@@ -365,7 +367,7 @@ def _judged(
     evidence = _evidence(residuals, rough, limit, tolerance, results, test, udot, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     return EquationCheck(
-        verdict=Verdict(kind, confidence, evidence, meaning=MEANINGS[kind]),
+        verdict=Verdict(kind, confidence, evidence, meaning=CHECK_MEANINGS[kind]),
         blame=(),
         seen=results,
         example=None,
@@ -373,25 +375,18 @@ def _judged(
         udot=udot,
         residuals=residuals,
         test=test,
-        roughness=rough,
+        rough=dict(zip(test.speeds, map(float, rough))),
         tolerance=tolerance,
         coordinates=test.kane.coordinates,
         name=name,
-        vectorised=False,
         rates=rates,
     )
 
 
-def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
-    """How far q̇ is off, by coordinate, relative; empty where the function does not return it."""
-    if caller.vectorised:
-        return {}
-    rates, _ = caller.whole(test.states)
-    return _misses(test, rates) if len(rates) else {}
-
-
 def _misses(test: EquationTest, rates: Array) -> dict[str, float]:
-    """How far rates q̇ (nq, B) are off, by coordinate, relative."""
+    """How far rates q̇ (nq, B) are off, by coordinate, relative; empty where none are returned."""
+    if not len(rates):
+        return {}
     size = np.sqrt(np.mean(test.rates**2, axis=1))
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
     errors = np.abs(rates - test.rates).max(axis=1) / size
@@ -425,7 +420,7 @@ def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) 
     unseen = (f"what happens at events ({', '.join(events)})",) if events else ()
     if where_from := kane.mode:
         unseen = (*unseen, f"other assemblies of the loops than that of {where_from}")
-    return (*LIMITS, *not_sampled(where, states), *unseen)
+    return (*CHECK_LIMITS, *not_sampled(where, states), *unseen)
 
 
 def _fitting(kane: Kane, states: States) -> States:

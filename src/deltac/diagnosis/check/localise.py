@@ -7,23 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import SOLVED, Array
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.diagnosis.check.location import Blame, blame_at
+from deltac.diagnosis.check.location import Blame, blame
+from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.residuals.at_samples import (
-    MOST_ROWS,
     RunResidual,
     run_residual,
 )
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import some_rows
-from deltac.energy import Ledger, balance
-from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
-from deltac.mechanism.mechanism import Mechanism
+from deltac.errors import LogError
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
+from deltac.trajectories.rates import with_accelerations
 
 BULK = 0.8
 """Share of the residual that lies within the reported interval."""
@@ -35,8 +34,7 @@ class Localisation(Report, omit=("t", "residual", "joints"), also=("power",)):
 
     Attributes:
         t: times (T,), s.
-        speeds: names of the (own) speeds; `residual`: F_r + F*_r of each (T, n), N or N·m; without
-            accelerations what changes ΔP_r between the rows.
+        speeds: names of the (own) speeds; `residual`: F_r + F*_r of each (T, n), N or N·m.
         joints: power that each joint takes beyond what the model's forces supply (T,), W: −Σ u_r (F_r + F*_r)
             over its speeds. Zero where the motion obeys the model.
         departures: the equations that do not hold, the worst first.
@@ -86,70 +84,44 @@ def localise(
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
-    With accelerations nothing is integrated. A run without any is told by the momentum functions ΔP_r, which
-    name the equation and not the term, and see the integrator's error too. Forces that the run holds take the
-    place of the model's.
+    Nothing is integrated. Accelerations that a run lacks are derived from its speeds, with an estimate of
+    their error that counts as digits do; the integrator's error shows then, too. Forces that the run holds
+    take the place of the model's.
 
     Args:
         model: a Mechanism, a Problem, or what else `load_model` takes.
-        run: the motion, at least two samples.
+        run: the motion; without accelerations at least four samples, and no events.
         coordinates: own coordinates and speeds, in which the equations are told: a CoordinateMap, whose
             inverse must be known, or "absolute". By default the mechanism's own.
 
     Raises:
-        InputError: a run that is not the mechanism's, or a map without inverse.
+        InputError: a run that is not the mechanism's, or too short to derive its accelerations; a map
+            without inverse.
     """
     mechanism = load_model(model).mechanism
-    if isinstance(run, Trajectory) and run.udot is None:
-        return _by_momenta(mechanism, run, own_coordinates(mechanism, coordinates))
+    run, _ = in_model_order(mechanism, run)
+    if run.udot is None:
+        if run.events:
+            raise LogError(
+                "the run has events and no accelerations: log u̇, or localise the parts between its events"
+            )
+        run = with_accelerations(run)
     samples = run_residual(Kane(mechanism, coordinates), run)
-    own = samples if coordinates is None else run_residual(Kane(mechanism), run)
+    of_joints, _ = samples.test.of_joints(samples.udot)
     joints: dict[str, Array] = {}
-    for index, power in zip(mechanism.free.u, -own.test.states.u * own.residual):
+    for index, power in zip(mechanism.free.u, -samples.test.point.u * of_joints):
         joint = mechanism.speeds[int(index)].joint
         joints[joint] = joints.get(joint, 0.0) + power
     t, departures = samples.test.states.t, _departures(samples)
     return Localisation(t, samples.test.speeds, samples.residual.T, joints, departures)
 
 
-def _by_momenta(
-    mechanism: Mechanism, run: Trajectory, coordinates: CoordinateMap | None
-) -> Localisation:
-    """The same without accelerations, by what changes ΔP_r."""
-    rows = some_rows(run, MOST_ROWS)
-    t = run.t[rows]
-
-    def forces(ledger: Ledger) -> dict[str, Array]:
-        return {n: -np.gradient(delta[rows], t) for n, delta in ledger.delta_p.items()}
-
-    ledger = own = balance(mechanism, run, "samples", ("momentum",))
-    if coordinates is not None:
-        own = balance(mechanism, run, "samples", ("momentum",), coordinates=coordinates)
-    joints: dict[str, Array] = {}
-    for index, force in zip(mechanism.free.u, forces(ledger).values()):
-        joint = mechanism.speeds[int(index)].joint
-        joints[joint] = joints.get(joint, 0.0) - run.u[rows, int(index)] * force
-    residual, departures = forces(own), []
-    for k, (name, size) in enumerate(own.momenta().items()):
-        if size["delta_p"] > size["error_bar"] and size["relative"] > SOLVED:
-            span = _span(t, residual[name])
-            blame = Blame(name, k + 1, size["relative"], span=span, scale="the momentum exchanged")
-            departures.append(blame)
-    departures.sort(key=lambda departure: -departure.relative)
-    names, columns = tuple(residual), np.array([*residual.values()]).T
-    return Localisation(t, names, columns, joints, tuple(departures))
-
-
 def _departures(samples: RunResidual) -> tuple[Blame, ...]:
     """The equations that neither digits nor rounding explain."""
     limit = np.where(samples.relative > 0.0, 0.0, np.inf)
     return tuple(
-        replace(
-            blame,
-            span=_span(samples.test.states.t, samples.residual[blame.number - 1]),
-            scale="its terms",
-        )
-        for blame in blame_at(samples.test, samples.udot, limit)
+        replace(entry, span=_span(samples.test.states.t, samples.residual[entry.number - 1]))
+        for entry in blame(samples.test, samples.udot, limit)
     )
 
 

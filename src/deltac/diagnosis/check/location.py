@@ -1,16 +1,17 @@
-"""Where wrong equations are wrong: which equation, what it varies with, which term."""
+"""Where wrong equations are wrong: which equation, what it varies with, which term; a state that shows it."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
-from deltac.calls.progress import Parts, Progress, counted, untold
+from deltac.arrays import HALF_DIGITS, Array
+from deltac.calls.progress import Parts, Progress, counted, no_progress
 from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
@@ -19,7 +20,10 @@ from deltac.diagnosis.check.matching import (
 )
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.states import TRIAL_STATES, States, joined
+from deltac.diagnosis.residuals.kane import times
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States, admissible, joined
+from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.errors import InputError
 from deltac.results import Serialisable, fraction
 
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -32,9 +36,8 @@ class Blame(Serialisable):
 
     Attributes:
         speed: the own speed it belongs to, and `number`, its place (from 1).
-        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms; of a
-            motion without accelerations the largest |ΔP_r|, of the momentum exchanged (`scale` says which).
-        residual: the same in `unit`; NaN where only the momentum is known, as is `acceleration`.
+        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms.
+        residual: the same in `unit`.
         acceleration: root mean square error of u̇ of that speed, in `acceleration_unit`.
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
@@ -47,20 +50,20 @@ class Blame(Serialisable):
     speed: str
     number: int
     relative: float
-    residual: float = math.nan
-    unit: str = ""
-    acceleration: float = math.nan
-    acceleration_unit: str = ""
+    residual: float
+    unit: str
+    acceleration: float
+    acceleration_unit: str
     degrees: tuple[int, ...] | None = None
     depends_on: tuple[str, ...] | None = None
     terms: tuple[Match, ...] = ()
     solved: tuple[Match, ...] = ()
     span: tuple[float, float] | None = None
-    scale: str = "its terms in the mean"
 
     def __str__(self) -> str:
         parts = [
-            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of {self.scale}"
+            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of its terms"
+            + (" in the mean" if self.span is None else "")
         ]
         if self.span is not None:
             parts[0] += f", mostly from t = {self.span[0]:.4g} to {self.span[1]:.4g} s"
@@ -108,41 +111,30 @@ def _listed(degrees: tuple[int, ...]) -> str:
 
 
 def blame(
-    caller: Caller, test: EquationTest, udot: Array, limit: Array, progress: Progress = untold
+    test: EquationTest,
+    udot: Array,
+    limit: Array,
+    caller: Caller | None = None,
+    progress: Progress = no_progress,
 ) -> tuple[Blame, ...]:
-    """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
+    """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first.
+
+    `caller` gives accelerations at further states; without it what a residual varies with is not known.
+    """
     good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
-    failing = _failing(test, udot, limit, good)
-    if not failing:
-        return ()
-    typical = test.typical(udot)
-    base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
-    degrees = _degrees(caller, test, base, typical, limit)
-    tied = bool(test.kane.rows.names) and bool(len(test.gamma))
-    depends = None if tied else _dependence(caller, test, base, typical, limit)
-    blamed = [
-        replace(
-            b,
-            degrees=degrees[b.number - 1],
-            depends_on=None if depends is None else depends[b.number - 1],
-        )
-        for b in failing
-    ]
-    return tuple(blamed) if tied else _explained(caller, test, blamed, limit, progress)
-
-
-def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
-    """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
-    failing = _failing(test, udot, limit, np.ones(len(test.states), dtype=np.bool_))
-    if len(test.gamma):
-        return tuple(failing)
-    residual = test.residual(udot)
-    explained = []
-    for b in failing:
-        own = residual[b.number - 1]
-        terms = explain_row(test, own, udot, b.number - 1) or explain_plainly(test, own, udot, None)
-        explained.append(replace(b, terms=terms))
-    return tuple(explained)
+    blamed = _failing(test, udot, limit, good)
+    tied = bool(len(test.gamma))
+    if blamed and caller is not None:
+        typical = test.typical(udot)
+        base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
+        degrees = _degrees(caller, test, base, typical, limit)
+        blamed = [replace(b, degrees=degrees[b.number - 1]) for b in blamed]
+        if not tied:
+            depends = _dependence(caller, test, base, typical, limit)
+            blamed = [replace(b, depends_on=depends[b.number - 1]) for b in blamed]
+    if tied or not good.all():
+        return tuple(blamed)
+    return _explained(test, udot, blamed, limit, progress)
 
 
 def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.bool_]) -> list[Blame]:
@@ -168,16 +160,13 @@ def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.boo
 
 
 def _explained(
-    caller: Caller, test: EquationTest, blamed: list[Blame], limit: Array, progress: Progress
+    test: EquationTest, udot: Array, blamed: list[Blame], limit: Array, progress: Progress
 ) -> tuple[Blame, ...]:
     """The same with what each error consists of.
 
     The model's own terms in the rows of M u̇ = f first; where some rows have no such sum, the errors of the
     accelerations; else plain functions.
     """
-    udot = caller(test.states)
-    if not np.isfinite(udot).all():
-        return tuple(blamed)
     residual = test.residual(udot)
     rows = {b.speed: b.number - 1 for b in blamed}
     parts = Parts(progress, {"own": 0.5, "plain": 0.5})
@@ -280,3 +269,145 @@ def _units(test: EquationTest) -> tuple[list[str], list[str]]:
         ["N" if e.unit == "m/s" else "N·m" for e in entries],
         [f"{e.unit}²" for e in entries],
     )
+
+
+# --- a state as simple as can be at which equations fail -------------------------------------------
+
+PLAIN = (1.0, 0.5, 2.0, 10.0)
+"""Values that are tried, after zero, in place of an odd one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Example:
+    """A state at which the equations fail, most of it zero.
+
+    `state` by name (``t``, ``q.<coordinate>``, ``u.<speed>``); the accelerations by speed: `given` by the
+    tested equations, `right` by the mechanism; `speed` is the equation that fails, by `relative` of its
+    typical terms.
+    """
+
+    state: Mapping[str, float]
+    given: Mapping[str, float]
+    right: Mapping[str, float]
+    speed: str
+    relative: float
+
+    def __str__(self) -> str:
+        moved = {name: x for name, x in self.state.items() if x != 0.0}
+        where = ", ".join(f"{name} = {x:.6g}" for name, x in moved.items())
+        where = f"{where}, all else zero" if moved else "the zero state"
+        rounding = 1e-12 * max(map(abs, (*self.given.values(), *self.right.values())))
+        differences = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
+        worst = max(differences, key=lambda n: differences[n])
+        lines = [
+            f"u̇.{n}: the equations give {_with_digits(self.given[n], differences[n])}, the model "
+            f"{_with_digits(self.right[n], differences[n])}"
+            for n in differences
+            if n == worst or differences[n] > HALF_DIGITS
+        ]
+        return f"At {where}: " + "; ".join(lines)
+
+
+def _difference(a: float, b: float, rounding: float) -> float:
+    """How far two numbers differ, relative to the larger; 0 for what rounding leaves of zero."""
+    return 0.0 if abs(a - b) <= rounding else abs(a - b) / max(abs(a), abs(b))
+
+
+def _with_digits(value: float, difference: float) -> str:
+    """A number with the digits that show a relative difference, six at least."""
+    digits = 6 if difference <= 0.0 else int(np.clip(np.ceil(-np.log10(difference)) + 2, 6, 17))
+    return f"{value:.{digits}g}"
+
+
+def simplest_failure(
+    caller: Caller, test: EquationTest, udot: Array, limit: Array
+) -> Example | None:
+    """A failing state with as many zeros as single steps lead to, from the state that fails worst.
+
+    Time, speeds and coordinates are set to zero one by one, then to plain numbers, and moved back onto the
+    constraints, as long as an equation still misses by more than `limit` (n,).
+    """
+    typical = test.typical(udot)
+    with np.errstate(all="ignore"):
+        excess = (_missed(test, udot) / (limit * typical)[:, None]).max(axis=0)
+    excess[~np.isfinite(excess)] = -1.0
+    if excess.max() <= 1.0:
+        return None
+    # A simple state must show at least half of the worst failure's orders of magnitude, to convince.
+    shown = limit * float(np.sqrt(excess.max()))
+
+    def at(state: States) -> tuple[EquationTest, Array, Array]:
+        """The equations at a state, the accelerations given there, and what they miss, relative (n,)."""
+        there, given = EquationTest(test.kane, state, strict=False), caller(state)
+        return there, given[:, 0], _missed(there, given)[:, 0] / typical
+
+    def fails(state: States) -> bool:
+        """Whether the state is admissible and an equation misses there by more than is to be shown."""
+        with np.errstate(all="ignore"), suppress(InputError):
+            if admissible(test.kane, state)[0]:
+                missed = at(state)[2]
+                return bool(np.isfinite(missed).all() and (missed > shown).any())
+        return False
+
+    state = test.states.take([int(np.argmax(excess))])
+    moves = _moves(test)
+    plain = [(name, k, PLAIN) for name, k, zero in moves if name != "t" and np.ndim(zero) == 0]
+    for name, k, values in [(name, k, (zero,)) for name, k, zero in moves] + plain:
+        if values is PLAIN and getattr(state, name)[k, 0] == 0.0:
+            continue
+        for value in values:
+            array = getattr(state, name).copy()
+            array[k] = value
+            trial = _onto_constraints(test, replace(state, **{name: array}))
+            gain = _zeros(trial) - _zeros(state)
+            if (gain > 0 or (gain == 0 and values is PLAIN)) and fails(trial):
+                state = trial
+                break
+    there, given, missed = at(state)
+    worst = int(np.argmax(missed / shown))
+    return Example(
+        state=state.describe(0),
+        given=dict(zip(test.speeds, map(float, given))),
+        right=dict(zip(test.speeds, map(float, there.acceleration[:, 0]))),
+        speed=test.speeds[worst],
+        relative=float(missed[worst]),
+    )
+
+
+def _missed(test: EquationTest, udot: Array) -> Array:
+    """Inertia forces of the error of accelerations (n, B): the residual, and what violates constraints."""
+    return np.abs(times(test.M, udot - test.acceleration))
+
+
+def _zeros(state: States) -> int:
+    """How many entries are zero; a quaternion that is the identity has three."""
+    return sum(int((x == 0.0).sum()) for x in (state.t, state.q, state.u))
+
+
+def _onto_constraints(test: EquationTest, state: States) -> States:
+    """The state moved onto the constraints, its smallest entries to zero."""
+    kane = test.kane
+    if not len(test.gamma) or kane.own is not None:
+        return state
+    q = _without_rounding(onto_positions(kane.motion, state.t, state.q))
+    return replace(state, q=q, u=_without_rounding(onto_speeds(kane.motion, state.t, q, state.u)))
+
+
+def _without_rounding(x: Array) -> Array:
+    return np.where(np.abs(x) < 1e-12, 0.0, x)
+
+
+def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
+    """What is set to zero, one after the other; a quaternion as a whole, to the identity."""
+    speeds = [("u", k, 0.0) for k in range(len(test.states.u))]
+    if test.kane.assembled:  # a coordinate alone would leave the constraints, and so would the time
+        return speeds
+    turned = orientations(test).values()
+    whole = {k for place in turned for k in range(place.start, place.stop)}
+    single = [("q", k, 0.0) for k in range(len(test.states.q)) if k not in whole]
+    return [
+        ("t", slice(None), 0.0),
+        *speeds,
+        *single,
+        *(("q", place, np.eye(4)[:, :1]) for place in turned),
+    ]

@@ -232,10 +232,16 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     F_r + F*_r at the states is regressed on the columns of all causes, as for a log: states drawn at random
     know no integrator and no noise. A change is only told where all equations hold with it.
     """
-    equations = _Regression.of(test, udot)
-    posterior = search([equations.block], equations.candidates, equations.sizes, 0.0)
-    best, size = posterior.best, np.linalg.norm(equations.block.r)
-    if np.linalg.norm(equations.block.residual(best.coefficients)) > HALF_DIGITS * size:
+    block, causes = _regression(test, udot)
+
+    def sizes(fit: Fit) -> Array:
+        """How much each cause of a fit changes the equations."""
+        effects = [block.D[..., list(c.columns)] @ fit.of(k) for k, c in enumerate(fit.chosen)]
+        return np.array([float(np.linalg.norm(effect)) for effect in effects])
+
+    posterior = search([block], causes, sizes, 0.0)
+    best = posterior.best
+    if np.linalg.norm(block.residual(best.coefficients)) > HALF_DIGITS * np.linalg.norm(block.r):
         return ()
     mechanism = test.kane.mechanism
 
@@ -254,43 +260,30 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """The equations of a test on the columns of all causes, each by the typical size of its terms."""
-
-    block: Block
-    candidates: tuple[Candidate, ...]
-
-    @staticmethod
-    def of(test: EquationTest, udot: Array) -> _Regression:
-        """Those at accelerations u̇ (n, B)."""
-        mechanism, point, count = test.kane.mechanism, test.point, len(test.states)
-        free = mechanism.free
-        q, u = (
-            np.zeros((count, len(mechanism.coordinates))),
-            np.zeros((count, len(mechanism.speeds))),
-        )
-        q[:, free.q], u[:, free.u] = point.q.T, point.u.T
-        drawn = Trajectory(
-            t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
-            speeds=mechanism.speeds.names, provenance=Provenance("states"),
-        )  # fmt: skip
-        evaluator = LogEquations(mechanism, drawn)
-        kernels = column_kernels(evaluator)
-        rates = np.zeros((count, 0))
-        accelerations = (times(point.Y, udot) + point.rest).T
-        values = kernels(test.states.t, point.q.T, point.u.T, accelerations, rates, rates, rates)
-        values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
-        places = np.arange(values.shape[2] - 1)
-        empty = np.arange(0), np.zeros(0)
-        block = Block(values[..., 0], -values[..., 1:], *empty, places, HALF_DIGITS**2)
-        every_cause = candidates(evaluator, kernels.columns)
-        return _Regression(block, tuple(c for c in every_cause if c.kind not in OF_A_LOG))
-
-    def sizes(self, fit: Fit) -> Array:
-        """How much each cause of a fit changes the equations."""
-        effects = [self.block.D[..., list(c.columns)] @ fit.of(k) for k, c in enumerate(fit.chosen)]
-        return np.array([float(np.linalg.norm(effect)) for effect in effects])
+def _regression(test: EquationTest, udot: Array) -> tuple[Block, tuple[Candidate, ...]]:
+    """The equations at accelerations u̇ (n, B) on the columns of all causes, each by the size of its terms."""
+    mechanism, point, count = test.kane.mechanism, test.point, len(test.states)
+    free = mechanism.free
+    q, u = (
+        np.zeros((count, len(mechanism.coordinates))),
+        np.zeros((count, len(mechanism.speeds))),
+    )
+    q[:, free.q], u[:, free.u] = point.q.T, point.u.T
+    drawn = Trajectory(
+        t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names, provenance=Provenance("states"),
+    )  # fmt: skip
+    evaluator = LogEquations(mechanism, drawn)
+    kernels = column_kernels(evaluator)
+    rates = np.zeros((count, 0))
+    accelerations = (times(point.Y, udot) + point.rest).T
+    values = kernels(test.states.t, point.q.T, point.u.T, accelerations, rates, rates, rates)
+    values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
+    places = np.arange(values.shape[2] - 1)
+    empty = np.arange(0), np.zeros(0)
+    block = Block(values[..., 0], -values[..., 1:], *empty, places, HALF_DIGITS**2)
+    every_cause = candidates(evaluator, kernels.columns)
+    return block, tuple(c for c in every_cause if c.kind not in OF_A_LOG)
 
 
 SAME_IN_BOTH = "Give model and function the same"
@@ -310,31 +303,20 @@ def _linear(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     other = replace(some, q=np.roll(some.q, 1, axis=1), u=np.roll(some.u, 1, axis=1))
     middle = replace(some, q=0.5 * (some.q + other.q), u=0.5 * (some.u + other.u))
     values = [_called(caller, replace(s, t=some.t)) for s in (some, other, middle)]
-    near = _order(caller, test, some)
     a, b, c = values
-    if a is not None and b is not None and c is not None and _agree(c, 0.5 * (a + b)):
-        right = near is not None and near >= 1.5
-        return (
-            Finding(
-                "linearised",
-                "the function is linear in the state: a linearised version"
-                + (" of the model about zero" if right else ", and not of the model about zero"),
-                "its accelerations are means of those at two states in the middle between them",
-                "Compare it with dc.linearise, or keep the sines",
-                "cause",
-            ),
-        )
-    if near is not None and near >= 1.5:
-        return (
-            Finding(
-                "linearised",
-                "the function is right for small coordinates: a small-angle version",
-                f"its error goes to zero as the power {near:.1f} of the coordinates",
-                "Keep the sines and cosines",
-                "cause",
-            ),
-        )
-    return ()
+    linear = a is not None and b is not None and c is not None and _agree(c, 0.5 * (a + b))
+    power = _order(caller, test, some)
+    near = power is not None and power >= 1.5
+    if not (linear or near):
+        return ()
+    what = "right for small coordinates: a small-angle version"
+    evidence = f"its error goes to zero as the power {power:.1f} of the coordinates" if near else ""
+    if linear:
+        about = "" if near else ", and not"
+        what = f"linear in the state: a linearised version{about} of the model about zero"
+        evidence = "its accelerations are means of those at two states in the middle between them"
+    remedy = "Compare it with dc.linearise, or keep the sines and cosines"
+    return (Finding("linearised", f"the function is {what}", evidence, remedy, "cause"),)
 
 
 def _order(caller: Caller, test: EquationTest, some: States) -> float | None:

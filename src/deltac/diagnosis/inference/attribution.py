@@ -220,7 +220,11 @@ def _of_scatter(work: Array) -> Array:
 
 
 def of_scattered_steps(
-    comparison: Comparison, parts: Attribution, residual: Array, disputed: Array, agreed: bool
+    comparison: Comparison,
+    parts: Attribution,
+    residual: Array,
+    disputed: Array,
+    agreed: bool,
 ) -> tuple[Attribution, Array]:
     """The attribution where what is left is of steps of many sizes, but for blows (N,), J.
 

@@ -56,7 +56,7 @@ SUBDIVISIONS = 4
 """Parts of an interval in which a force that is filtered counts as constant."""
 
 
-FRACTIONS = 32
+KEPT_FRACTIONS = 32
 """Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
 
 
@@ -99,7 +99,7 @@ class LoggedForce:
         weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 4).T
 
         # Methods and their derivatives ask for the same stages again and again.
-        @lru_cache(FRACTIONS)
+        @lru_cache(KEPT_FRACTIONS)
         def at(s: float, begin: float | None = None) -> Array:
             F = self.first
             for weight, part in zip(weights, self.parts(s, begin), strict=True):

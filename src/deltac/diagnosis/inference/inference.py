@@ -56,7 +56,7 @@ from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import by_accelerations
 from deltac.diagnosis.inference.result import KNOWN, OF_INERTIA, OF_THE_LOG, SLIGHT, Inference
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -101,7 +101,7 @@ class Unclosed:
         """
         # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
         result: Inference | None = None
-        with np.errstate(all="ignore"), compiled():
+        with np.errstate(all="ignore"), compiled_rows():
             for point in self.points:
                 own = _with_causes(point, self.equations, self.kernels, limit, lacking)
                 if own is not None and (own.closes or not own.finds_something):
@@ -135,7 +135,7 @@ def closed(
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
     points = list[Point]()
-    with np.errstate(all="ignore"), compiled():
+    with np.errstate(all="ignore"), compiled_rows():
         for one in (*reductions(model, run), model):
             alone = _closed(one, run, equations, kernels, energy)
             # The fields of an integrator are many in all coordinates; a method of a few is sure.
@@ -153,7 +153,7 @@ def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
     if log is None:
         return None
     try:
-        with np.errstate(all="ignore"), compiled():
+        with np.errstate(all="ignore"), compiled_rows():
             return inferred(likeliest(start(model, run, log)))
     except (FlowError, np.linalg.LinAlgError):
         return None

@@ -26,7 +26,7 @@ OF_ONE_MOTION = (*OF_THE_LOG, "missing-stop")
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class JointPosterior:
     """What several logs say together: the posterior of the causes, and all whitened equations."""
 
     posterior: Posterior
@@ -43,7 +43,7 @@ class Joint:
         return np.asarray(fit.deviation(k) * np.sqrt(slowest))
 
 
-def joint_posterior(inferences: Sequence[Inference]) -> Joint:
+def joint_posterior(inferences: Sequence[Inference]) -> JointPosterior:
     """The causes that all logs have together, with their odds from all rows; one inference at least."""
     inferences = [one.unbuilt or one for one in inferences]
     first = inferences[0]
@@ -69,7 +69,7 @@ def joint_posterior(inferences: Sequence[Inference]) -> Joint:
             squares[k] = sum(float(x @ b.projected.A[np.ix_(some, some)] @ x) for b in blocks)
         return np.sqrt(squares)
 
-    return Joint(search(blocks, candidates, effects, 0.0), blocks)
+    return JointPosterior(search(blocks, candidates, effects, 0.0), blocks)
 
 
 def _of_columns(block: Block, places: Sequence[int]) -> Block:

@@ -15,7 +15,7 @@ from deltac.diagnosis.causes.columns import Column, ColumnKernels
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
-from deltac.kernels.rows import Expression
+from deltac.kernels.rows import RowExpression
 from deltac.mechanism.channels import PASSIVE
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -101,11 +101,11 @@ class _Expressions:
         driven = ca.gradient(ca.SX(terms.K1 + 2 * terms.K0), s.u)
         place = {"t": s.t, "q": s.q}
         state = {**place, "u": s.u}
-        self.acceleration = Expression("a", {**state, "logged": symbols.logged}, a, often=True)
-        self.damping = Expression("d", {**state, "logged": symbols.logged}, damping)
-        self.matrices = Expression("m", place, crba(s)[at, at], G)
-        self.qdot = Expression("r", state, s.qdot)
-        self.energy = Expression("e", state, ca.vertcat(along_q, ca.gradient(E, s.u)), driven)
+        self.acceleration = RowExpression("a", {**state, "logged": symbols.logged}, a, often=True)
+        self.damping = RowExpression("d", {**state, "logged": symbols.logged}, damping)
+        self.matrices = RowExpression("m", place, crba(s)[at, at], G)
+        self.qdot = RowExpression("r", state, s.qdot)
+        self.energy = RowExpression("e", state, ca.vertcat(along_q, ca.gradient(E, s.u)), driven)
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(dampers) and not damping.is_zero()
 
@@ -139,13 +139,13 @@ class _Change:
         return self._damping(t, q, u, np.zeros_like(u), F)[0]
 
 
-def _sum(columns: ColumnKernels, c: Array, name: str, rated: bool = False) -> Expression:
+def _sum(columns: ColumnKernels, c: Array, name: str, rated: bool = False) -> RowExpression:
     """Columns times coefficients where logged forces stand still; `rated`: and its derivatives by u̇."""
     t, q, u, udot, logged, *rates = columns.inputs
     x = ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(c)))
     x = ca.substitute(x, ca.vertcat(*rates), ca.SX.zeros(ca.vertcat(*rates).shape))
     inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
-    return Expression(name, inputs, x, *([ca.jacobian(x, udot)] if rated else []))
+    return RowExpression(name, inputs, x, *([ca.jacobian(x, udot)] if rated else []))
 
 
 def _damps(column: Column) -> bool:

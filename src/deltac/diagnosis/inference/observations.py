@@ -13,7 +13,7 @@ from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
-from deltac.diagnosis.measurements.kinematics import LEAST_ROWS, stretches
+from deltac.diagnosis.measurements.kinematics import SHORTEST_PART, stretches
 from deltac.trajectories import Trajectory
 
 
@@ -249,7 +249,7 @@ def _alike(values: Array, chosen: NDArray[np.intp], half: Array) -> Array:
 LEAST_INTERVALS = 4
 """Intervals from which on anything is inferred."""
 
-STRETCHES = 4
+LONG_STRETCHES = 4
 """Stretches of a long log: slow fields show in long ones."""
 
 
@@ -257,8 +257,8 @@ def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[i
     """Stretches with so many rows in all, taken from those of a log in proportion to their lengths."""
     chosen = list[tuple[int, int]]()
     for a, b in edges:
-        share = max(LEAST_ROWS, int(most * (b - a) / total))
-        parts = max(1, min(STRETCHES // len(edges), share // LEAST_ROWS))
+        share = max(SHORTEST_PART, int(most * (b - a) / total))
+        parts = max(1, min(LONG_STRETCHES // len(edges), share // SHORTEST_PART))
         size = min(share // parts, b - a)
         chosen += [(int(s), int(s) + size) for s in np.linspace(a, b - size, parts).astype(int)]
     while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 1:

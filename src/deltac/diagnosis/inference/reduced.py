@@ -21,14 +21,14 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.residuals.states import WELL_CONDITIONED
-from deltac.kernels.rows import Expression
+from deltac.kernels.rows import RowExpression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
-CORRECTIONS = 12
+NEWTON_CORRECTIONS = 12
 """Newton's steps to the dependent coordinates at most: they begin at those of the log."""
 
-PROBES = 40
+PROBED_ROWS = 40
 """Rows at which independent coordinates are chosen."""
 
 SETS, MOST_SETS = 3, 300
@@ -57,9 +57,9 @@ class Reduced(Model):
         self._near = CubicSpline(run.t, run.q[:, model.of_q[self.others_q]], axis=0)
         bound, s = model.symbols.constrained, model.symbols.system
         assert bound is not None
-        self._constraints: Expression = model.symbols.once(
+        self._constraints: RowExpression = model.symbols.once(
             "constraints in place",
-            lambda: Expression("phi", {"t": s.t, "q": s.q}, bound.rows.phi, bound.rows.b),
+            lambda: RowExpression("phi", {"t": s.t, "q": s.q}, bound.rows.phi, bound.rows.b),
         )
 
     def _complete(self, t: Array, q: Array, u: Array | None = None) -> tuple[Array, Array]:
@@ -67,7 +67,7 @@ class Reduced(Model):
         whole = self.whole
         every = np.zeros((len(t), whole.n))
         every[:, self.own_q], every[:, self.others_q] = q, self._near(t)
-        for _ in range(CORRECTIONS):
+        for _ in range(NEWTON_CORRECTIONS):
             phi, b = self._constraints(t, every)
             G = whole.matrices(t, every)[1]
             inverse = np.linalg.inv(G[:, :, self.others])
@@ -157,7 +157,7 @@ def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
     plain = len(model.rates) == model.n == len(model.of_q)
     if bound is None or not plain or not all(bound.rows.holonomic):
         return
-    some = np.unique(np.linspace(0, len(run) - 1, PROBES).astype(np.intp))
+    some = np.unique(np.linspace(0, len(run) - 1, PROBED_ROWS).astype(np.intp))
     rows = model.rows(run.take(some))
     G = model.matrices(rows.t, rows.q)[1]
     count = model.n - G.shape[1]

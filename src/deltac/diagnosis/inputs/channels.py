@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -77,23 +77,22 @@ def foreign_channels(
 
 def foreign_notes(works: Mapping[ChannelName, float], energy_exchanged: float) -> list[Finding]:
     """A note on those of each kind: they hide in a balance that holds, since their forces are the log's."""
-
-    def share(names: Sequence[ChannelName]) -> str:
-        energy = sum(abs(works[name]) for name in names)
-        part = percent(energy / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
-        return f"{part} of the energy exchanged"
-
     return [
         Finding(
             "channel-not-in-model",
             words,
-            share(names),
+            _share(sum(abs(works[name]) for name in names), energy_exchanged),
             "Add to the model what is to act when it is simulated on its own",
             "note",
             listed(names),
         )
         for names, words in foreign_words(works)
     ]
+
+
+def _share(energy: float, energy_exchanged: float) -> str:
+    part = percent(energy / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
+    return f"{part} of the energy exchanged"
 
 
 def foreign_words(
@@ -103,22 +102,16 @@ def foreign_words(
     for kind, group in groupby(sorted(works, key=lambda name: name.kind), lambda name: name.kind):
         names = tuple(group)
         work = f"{sum(works[name] for name in names):.3g} J of work"
-        if len(names) == 1:
-            yield (
-                names,
-                (
-                    f"the log has a channel {names[0]!r} that the model does not have; its force is taken as "
-                    f"logged, and did {work}"
-                ),
+        what, force = f"a channel {names[0]!r}", "its force is"
+        if len(names) > 1:
+            what, force = (
+                f"{len(names)} {kind} channels ({listed(map(repr, names))})",
+                "their forces are",
             )
-        else:
-            yield (
-                names,
-                (
-                    f"the log has {len(names)} {kind} channels that the model does not have "
-                    f"({listed(map(repr, names))}); their forces are taken as logged, and did {work}"
-                ),
-            )
+        yield (
+            names,
+            f"the log has {what} that the model does not have; {force} taken as logged, and did {work}",
+        )
 
 
 # --- motors of the model against those of the simulator ------------------------------------------
@@ -138,17 +131,12 @@ def differing_gears(
         energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
             np.trapezoid(power, ledger.t)
         )
-        share = (
-            percent(energy / ledger.energy_exchanged)
-            if ledger.energy_exchanged > 0.0
-            else "nothing"
-        )
         findings.append(
             Finding(
                 "channel-differs",
                 str(gear),
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
-                f"{energy:.3g} J flowed through the difference, {share} of the energy exchanged",
+                f"{energy:.3g} J flowed through the difference, {_share(energy, ledger.energy_exchanged)}",
                 "Give the model the gear that the simulator used",
                 "cause" if energy > tolerance * ledger.energy_exchanged else "note",
                 gear.channel,

@@ -16,7 +16,7 @@ import numpy as np
 from deltac.calls.arguments import checked
 from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
-from deltac.foreign.scripts import SUFFIXES, Script
+from deltac.foreign.scripts import SUFFIXES, Script, needs_nothing
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
 from deltac.simulation.equations import Equations, RightHandSide
@@ -165,13 +165,7 @@ def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
 
 def _asked(value: Any, text: str) -> Any:
     """What a function without parameters returns; anything else as it is."""
-    if not callable(value) or isinstance(value, Equations):
-        return value
-    try:
-        needs = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
-    except (TypeError, ValueError):
-        return value
-    if needs:
+    if isinstance(value, Equations) or not needs_nothing(value):
         return value
     try:
         return value()

@@ -86,32 +86,19 @@ def _unit(
     fmpy: Any, file: Path, described: Any, third: bool, n: int
 ) -> Callable[[float, Array], Array]:
     """ẋ(t, x) of an instance of the unit; its library and files go with the function."""
+    from fmpy.simulation import instantiate_fmu
+
     folder = tempfile.mkdtemp(prefix="deltac-fmu-")
     try:
         fmpy.extract(str(file), folder)
-        values = {
-            "guid": described.guid,
-            "unzipDirectory": folder,
-            "modelIdentifier": described.modelExchange.modelIdentifier,
-            "instanceName": "deltac",
-        }
+        model = instantiate_fmu(folder, described, fmi_type="ModelExchange")
         if third:
-            from fmpy.fmi3 import FMU3Model
-
-            model = FMU3Model(**values)
-            model.instantiate()
-            model.enterInitializationMode(startTime=0.0)
-            model.exitInitializationMode()
             settle, evaluate = model.updateDiscreteStates, model.getContinuousStateDerivatives
         else:
-            from fmpy.fmi2 import FMU2Model
-
-            model = FMU2Model(**values)
-            model.instantiate()
             model.setupExperiment(startTime=0.0)
-            model.enterInitializationMode()
-            model.exitInitializationMode()
             settle, evaluate = model.newDiscreteStates, model.getDerivatives
+        model.enterInitializationMode()
+        model.exitInitializationMode()
         for _ in range(NEWTON_STEPS):
             if not settle()[0]:
                 break

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
 from deltac.arrays import PHYSICAL
-from deltac.calls.progress import Progress, untold
+from deltac.calls.progress import Progress, no_progress
+from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.accumulator import OVERLAP, balance_chunks
@@ -25,7 +26,6 @@ from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.trajectory import BY_LAW, FRAMES, LEFT_OUT, row_name
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.measurements.kinematics import Comparison
     from deltac.trajectories import Chunk
     from deltac.trajectories.formats.mapping import MappingLike
     from deltac.trajectories.formats.objects import LogSource
@@ -102,14 +102,13 @@ class Log:
     """A log and its ledger.
 
     `run` are its rows, or some of them where it was read in parts; `consecutive` rows that follow each
-    other: all, or those of the first part. `comparisons` are those of coordinates with speeds.
+    other: all, or those of the first part.
     """
 
     run: Trajectory
     consecutive: Trajectory
     ledger: Ledger
     findings: tuple[Finding, ...]
-    comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
 LogLike: TypeAlias = "Trajectory | LogSource | SolverResult"
@@ -157,7 +156,7 @@ def read_log(
     *,
     measured: bool = True,
     keep: int | None = None,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 
@@ -230,11 +229,8 @@ def _whole(
     keep = keep if numbers > LARGE_LOG else None
     if not measured:
         return balanced(mechanism, run, work, tuple(findings), keep=keep)
-    from deltac.diagnosis.measurements.cleaning import cleaned
-
     clean = cleaned(mechanism, run)
-    all_findings = (*findings, *clean.findings)
-    return balanced(mechanism, clean.run, work, all_findings, clean.comparisons, keep=keep)
+    return balanced(mechanism, clean.run, work, (*findings, *clean.findings), keep=keep)
 
 
 def balanced(
@@ -242,14 +238,13 @@ def balanced(
     run: Trajectory,
     work: str | None,
     findings: tuple[Finding, ...] = (),
-    comparisons: Mapping[str, Comparison] | None = None,
     *,
     keep: int | None = None,
 ) -> Log:
     """A run in memory with its ledger, at all rows or as many as it is to `keep`."""
     ledger = balance(mechanism, run, work or work_of(run), keep=keep)
     _refuse_undefined(ledger)
-    return Log(run, run, ledger, findings, comparisons or {})
+    return Log(run, run, ledger, findings)
 
 
 def _in_parts(
@@ -287,9 +282,6 @@ def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) ->
     columns += [("udot", run.udot, run.speeds)] if run.udot is not None else []
     columns += [(f"force.{name}", force, run.speeds) for name, force in run.forces.items()]
     for what, values, names in columns:
-        least, most = (float(f(values, initial=0.0)) for f in (np.min, np.max))
-        if least >= -PHYSICAL and most <= PHYSICAL:
-            continue
         absurd = np.argwhere(np.abs(values) > PHYSICAL)
         if len(absurd):
             row, k = absurd[0]
@@ -305,8 +297,6 @@ def _refuse_undefined(ledger: Ledger) -> None:
     groups = (ledger.potential, ledger.power, ledger.work, ledger.delta_c, ledger.error_bar)
     named = {"K": ledger.kinetic, **{n: values for group in groups for n, values in group.items()}}
     for name, values in named.items():
-        if np.isfinite(values.sum()):  # all of them
-            continue
         undefined = np.flatnonzero(~np.isfinite(values))
         if undefined.size:
             raise LogError(

@@ -138,7 +138,7 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
 MOST_JUMPS = 200
 """Intervals in which a speed may have jumped that are simulated at most."""
 
-ALIKE = 5.0
+STEADY_RATIO = 5.0
 """Ratio of mean and scatter of departures, as shares of the jumps, from which on they are of the restitution:
 what a method does to the place of an impact is anything up to what one of its steps does."""
 
@@ -205,7 +205,11 @@ def _impacts_told(
     shares = np.array([departs @ jump / (jump @ jump) for departs, jump in hits])
     share, scatter = float(shares.mean()), float(shares.std())
     sizes = [float(np.abs(departs).max()) for departs, _ in hits]
-    if len(hits) >= FEW_IMPACTS and abs(share) > ALIKE * scatter and min(sizes) > ALIKE * usual:
+    if (
+        len(hits) >= FEW_IMPACTS
+        and abs(share) > STEADY_RATIO * scatter
+        and min(sizes) > STEADY_RATIO * usual
+    ):
         return Finding(
             "restitution",
             f"{len(hits)} impacts of the run ({names}) change the speeds by {percent(abs(share))} "
@@ -216,7 +220,7 @@ def _impacts_told(
             names,
             factor=1.0 + share,
         )
-    if max(sizes) > max(ALIKE * usual, step):
+    if max(sizes) > max(STEADY_RATIO * usual, step):
         return None
     return Finding(
         "impacts-by-law",

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
-    AT_ONCE,
     LEAST_RATIO,
-    LEAST_ROWS,
-    Comparison,
+    SHORTEST_PART,
+    ColumnComparison,
     Mask,
     coordinates_against_speeds,
     size_of,
@@ -46,7 +45,6 @@ class Cleaned:
 
     run: Trajectory
     findings: tuple[Finding, ...]
-    comparisons: dict[str, Comparison]
 
 
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
@@ -55,18 +53,18 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
     runs with integrals or events.
     """
-    if len(run) < LEAST_ROWS:
-        return Cleaned(run, (), {})
+    if len(run) < SHORTEST_PART:
+        return Cleaned(run, ())
     findings: list[Finding] = []
     if "u" in run.provenance.derived:
         run, findings = _unwrapped(mechanism, run)
-        return Cleaned(run, tuple(findings), {})
+        return Cleaned(run, tuple(findings))
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
     of_coordinates = differences(run)
     if of_coordinates is not None:
-        return Cleaned(of_coordinates, tuple(findings), {})
+        return Cleaned(of_coordinates, tuple(findings))
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
@@ -79,7 +77,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
             findings.append(_jitter(run, even))
             run, comparisons = even, other
     findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
-    return Cleaned(run, tuple(findings), comparisons)
+    return Cleaned(run, tuple(findings))
 
 
 # --- what is undone --------------------------------------------------------------------------------------
@@ -117,17 +115,9 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     ]
 
 
-def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
-    """Which rows after the first have the same numbers as the row before (T − 1,).
-
-    Column by column, at the rows that may still be such: of most logs the first column tells all.
-    """
-    rows = np.arange(len(values) - 1)
-    for k in range(values.shape[1]) if columns is None else columns:
-        rows = rows[values[rows + 1, k] == values[rows, k]]
-    mask = np.zeros(len(values) - 1, dtype=np.bool_)
-    mask[rows] = True
-    return mask
+def _repeated(values: Array) -> Mask:
+    """Which rows after the first have the same numbers as the row before (T − 1,)."""
+    return np.asarray((values[1:] == values[:-1]).all(axis=1))
 
 
 def _at_the_pace_of_the_slower(
@@ -137,10 +127,11 @@ def _at_the_pace_of_the_slower(
     free = mechanism.free
     if not (len(free.q) and len(free.u)) or _whole(run):
         return run, []
-    old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
+    columns = (("coordinates", run.q[:, free.q]), ("speeds", run.u[:, free.u]))
+    old = {what: _repeated(values) for what, values in columns}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
-        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < ROUGHLY:
+        if len(new) < SHORTEST_PART or np.mean(repeated & ~other) < ROUGHLY:
             continue
         pace = np.diff(new)
         every = int(np.median(pace))
@@ -165,21 +156,12 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     Or where they are differences to the row before or after: so are those of some methods.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
-    if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
+    if len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
         return None
     i, j = np.array(pairs).T
-    q, u, least = run.q[:, i], run.u[:, j], np.diff(run.t).min()
-    rate = np.diff(q, axis=0) / np.diff(run.t)[:, None]
-    sides = [(slice(1, None), rate), (slice(None, -1), rate)]
-    central = [(slice(1, -1), np.gradient(q, run.t, axis=0)[1:-1])]
-
-    def equal(rows: slice, difference: Array) -> bool:
-        rounding = digits_of(run)["u"].half()[rows][:, j]
-        of_times = np.abs(run.t).max() / least * np.abs(difference)
-        rounding = rounding + 16.0 * EPS * (np.abs(q[rows]) / least + of_times)
-        return bool(np.all(np.abs(u[rows] - difference) <= rounding))
-
-    if not any(equal(*side) for side in (sides if one_sided else central)):
+    u = run.u[:, j]
+    quotients = are_quotients(run.t, run.q[:, i], u, digits_of(run)["u"].half()[:, j])
+    if not quotients[one_sided]:
         return None
     # Of the next order: h² d²u/dt² / 6, that is, a sixth of the second differences; h du/dt / 2 to one side.
     order, share = (1, 2.0) if one_sided else (2, 6.0)
@@ -187,6 +169,22 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     names = [run.speeds[k] for k in j]
     derived = {**run.provenance.derived, "u": dict(zip(names, errors.tolist(), strict=True))}
     return replace(run, provenance=replace(run.provenance, derived=derived))
+
+
+def are_quotients(t: Array, x: Array, rate: Array, half: Array) -> tuple[bool, bool]:
+    """Whether rates (T, n) are the central difference quotients of x, or those to the row before or after.
+
+    To rounding, and half of the last digit of each (`half`).
+    """
+    least, one_sided = np.diff(t).min(), np.diff(x, axis=0) / np.diff(t)[:, None]
+
+    def equal(rows: slice, quotient: Array) -> bool:
+        of_times = np.abs(t).max() / least * np.abs(quotient)
+        rounding = half[rows] + 16.0 * EPS * (np.abs(x[rows]) / least + of_times)
+        return bool(np.all(np.abs(rate[rows] - quotient) <= rounding))
+
+    central = equal(slice(1, -1), np.gradient(x, t, axis=0)[1:-1])
+    return central, equal(slice(1, None), one_sided) or equal(slice(None, -1), one_sided)
 
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
@@ -202,17 +200,11 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     places, rates = (list(of) for of in zip(*pairs))
     derived = [run.speeds[j] in run.provenance.derived.get("u", {}) for j in rates]
 
-    def beyond(rows: slice) -> Array:
-        """What coordinates change by from each row to the next beyond what their speeds say."""
-        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
-        u = np.where(derived, 0.0, u)  # splines of coordinates jump with them
-        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
-
-    few = max(1, AT_ONCE // len(pairs))
-    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
-    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
+    # What coordinates change by beyond what their speeds say; splines of coordinates jump with them.
+    u = np.where(derived, 0.0, run.u[:, rates])
+    excess = np.diff(run.q[:, places], axis=0) - 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
+    if np.abs(excess).max(initial=0.0) <= 0.5 * turn:
         return run, []
-    excess = beyond(slice(None))
     q, findings = np.array(run.q), list[Finding]()
     turns = np.round(excess / turn)
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
@@ -238,7 +230,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
 
 
 def _without_spikes(
-    run: Trajectory, comparisons: Mapping[str, Comparison]
+    run: Trajectory, comparisons: Mapping[str, ColumnComparison]
 ) -> tuple[Trajectory, list[Finding]]:
     """Single rows of which a column lies far off its neighbours; only a few are taken out."""
     spikes: dict[int, str] = {}
@@ -297,7 +289,7 @@ def _jitter(run: Trajectory, even: Trajectory) -> Finding:
 # --- what is told ----------------------------------------------------------------------------------------
 
 
-def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+def _jumps(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -> Iterator[Finding]:
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
@@ -320,7 +312,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
     )
 
 
-def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+def _wrong_rates(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -> Iterator[Finding]:
     """Swapped and clipped columns, late rows, clock, gears, and speeds that are no rates at all.
 
     What one of these explains the others are not asked about.
@@ -379,10 +371,10 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
             )
 
 
-def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]:
+def _swapped(comparisons: Mapping[str, ColumnComparison]) -> Iterator[tuple[str, str]]:
     """Pairs of speeds that fit each other's coordinates and not their own."""
 
-    def fits(a: Comparison, b: Comparison) -> bool:
+    def fits(a: ColumnComparison, b: ColumnComparison) -> bool:
         if len(a.increments) != len(b.integrals):
             return False
         size = float(np.linalg.norm(a.increments) * np.linalg.norm(b.integrals))
@@ -395,7 +387,7 @@ def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]
                 yield a, b
 
 
-def _is_clipped(u: Array, c: Comparison) -> bool:
+def _is_clipped(u: Array, c: ColumnComparison) -> bool:
     """Whether a speed has its extreme in many rows, between which the coordinate moves faster."""
     size = np.abs(u)
     at = size >= size.max(initial=0.0) * (1.0 - 1e-12)
@@ -406,13 +398,15 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
     return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.increments))
 
 
-def _is_late(c: Comparison) -> bool:
+def _is_late(c: ColumnComparison) -> bool:
     """Whether the rate is of another row, and changes enough from row to row to tell."""
     tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
     return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 
-def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
+def _scaled(
+    scaled: dict[str, ColumnComparison], every: dict[str, ColumnComparison]
+) -> Iterator[Finding]:
     """One factor in all columns is a clock's; else gears between coordinates and speeds."""
     ratios = np.array([c.ratio for c in scaled.values()])
     errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in scaled.values()])

@@ -13,10 +13,10 @@ from deltac.arrays import EPS, NEGLIGIBLE, Array, medians
 from deltac.calls.caching import derived
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
-from deltac.trajectories.lint import MANY, STRETCHES, stretch_rows
+from deltac.trajectories.lint import LOOKED_AT, NEIGHBOURS, stretch_rows
 
 SINGLE = float(np.finfo(np.float32).eps)
-PROBES = 400
+DIGIT_PROBES = 400
 
 
 LEAST_VALUES = 3
@@ -36,31 +36,31 @@ class Digits:
 
     Columns of half and single precision, of a fixed number of decimals or of significant digits, and counts
     of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error. Of
-    more than `MANY` rows so many tell that: half of them neighbours, half spread evenly. Columns of fewer
-    than `least` different numbers say nothing about theirs.
+    more than `LOOKED_AT` rows so many tell that: half of them neighbours, half spread evenly. Columns of
+    fewer than `least` different numbers say nothing about theirs.
     """
 
     def __init__(self, values: Array, least: int = LEAST_VALUES) -> None:
         self._values = values
         self._least = least
-        self._short = len(values) <= MANY
+        self._short = len(values) <= LOOKED_AT
 
     @cached_property
     def _rules(self) -> dict[int, Rule]:
         """Of the columns that are not plain doubles."""
         values = self._values
         if not self._short:
-            spread = np.linspace(0, len(values) - 1, MANY // 2).astype(np.intp)
-            near = stretch_rows(len(values), STRETCHES // 2, MANY // STRETCHES)
+            spread = np.linspace(0, len(values) - 1, LOOKED_AT // 2).astype(np.intp)
+            near = stretch_rows(len(values), NEIGHBOURS // 2, LOOKED_AT // NEIGHBOURS)
             values = values[np.union1d(near, spread)]  # twice the same row is no repeated number
         if not values.size:
             return {}
-        rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
+        rows = np.linspace(0, len(values) - 1, DIGIT_PROBES).astype(np.intp)
         ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
         different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
         rules = {
             k: _of_column(values[:, k], rows, self._least)
-            for k, probe in enumerate(values[rows[PROBES // 2]].tolist())
+            for k, probe in enumerate(values[rows[DIGIT_PROBES // 2]].tolist())
             if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
         }
         # Columns are written alike: one that hardly changes has the digits of the others if it fits them.
@@ -74,7 +74,7 @@ class Digits:
     def few(self) -> bool:
         """Whether a column has fewer digits than doubles."""
         last = len(self._values) - 1
-        some = np.linspace(0, last, min(last + 1, PROBES)).astype(np.intp)
+        some = np.linspace(0, last, min(last + 1, DIGIT_PROBES)).astype(np.intp)
         return bool(np.any(self.half(some) > 2.0 * EPS * np.abs(self._values[some])))
 
     @cached_property
@@ -219,7 +219,7 @@ def _decimals(probes: Array) -> Rule | None:
     return None
 
 
-WHITE = (0.75, 1.35)
+WHITE_RATIO = (0.75, 1.35)
 """Ratio of noise by eighth differences to that by sixth between which what is seen is white noise."""
 
 
@@ -231,10 +231,10 @@ def white_noise(x: Array) -> Array:
     """
     if len(x) < 16:
         return np.zeros(x.shape[1])
-    if len(x) > MANY:  # the few differences across the joints do not move a median
-        x = x[stretch_rows(len(x), STRETCHES, MANY // STRETCHES)]
+    if len(x) > LOOKED_AT:  # the few differences across the joints do not move a median
+        x = x[stretch_rows(len(x), NEIGHBOURS, LOOKED_AT // NEIGHBOURS)]
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
     sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
     eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
-    white = (WHITE[0] * sixth < eighth) & (eighth < WHITE[1] * sixth)
+    white = (WHITE_RATIO[0] * sixth < eighth) & (eighth < WHITE_RATIO[1] * sixth)
     return np.where(white, eighth, 0.0)

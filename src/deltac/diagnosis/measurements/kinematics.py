@@ -20,18 +20,18 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, ROUGHLY, SAME, SMALL_SHARE, Array, medians
+from deltac.arrays import ROUGHLY, SAME, Array, medians
 from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
-from deltac.trajectories.lint import MANY, STRETCHES, gap_rows
+from deltac.trajectories.lint import LOOKED_AT, NEIGHBOURS, gap_rows
 from deltac.trajectories.rates import continuous, rotation_vectors
 
 Mask: TypeAlias = NDArray[np.bool_]
 
-LEAST_ROWS = 12
+SHORTEST_PART = 12
 """Rows that a part between gaps has at least to be compared."""
 
 SURE = 8.0
@@ -40,24 +40,23 @@ SURE = 8.0
 LEAST_RATIO = 2e-4
 """Relative differences of r from one below this are not reported: quadratures err by as much."""
 
-QUADRATURE = 5 / 12
+OWN_QUADRATURE = 5 / 12
 """Share of h δ²x' by which a scheme's own quadrature of a rate x' may differ from that along the rows.
 
 That of Adams and Bashforth's method of two steps, the largest in use (Hairer, Nørsett, Wanner, §III.1)."""
 
-PROJECTION = 1 / 3
+ON_A_CIRCLE = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
 
-FAR = 30.0
+MOST_REWEIGHTINGS = 12
+"""Fits at most: each changes r and θ by a part of what the one before did."""
+
+FAR_DEFECT = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
 
-ARRAYS = ("defect", "bar", "increments", "integrals", "outliers")
-"""What a comparison tells of each interval, beside the row at its start."""
-
-
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ColumnComparison:
     """A column against its rate.
 
     Attributes:
@@ -72,7 +71,7 @@ class Comparison:
         alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
         significant: whether the defects are beyond their error bars.
         outliers: intervals whose defect stands out of its bar and of the scatter of all others (I,).
-        steady: whether r is the same all along the log, where r is not one.
+        scaled: whether the rate is off by a factor, the same all along the log.
         instant: whether θ is told: the rate changes from row to row by more than its noise.
         unsteady: the movement that neither bars nor the quadrature of any scheme explain, as a share of it
             (root mean square): time stamps that scatter, rows that were interpolated, filtered speeds.
@@ -90,25 +89,9 @@ class Comparison:
     alike: float
     significant: bool
     outliers: Mask
-    steady: bool
+    scaled: bool
     instant: bool
     unsteady: float
-
-    def between(self, t: Array, times: Array) -> Comparison:
-        """The same of the intervals among the rows at the times `times`, of those at t (T,)."""
-        start = t[self.start]
-        inside = (start >= times[0]) & (start < times[-1])
-        arrays = {n: getattr(self, n)[inside] for n in ARRAYS}
-        return replace(self, start=np.searchsorted(times, start[inside]), **arrays)
-
-    @property
-    def scaled(self) -> bool:
-        """Whether the rate is off by a factor."""
-        return self.steady and abs(self.ratio - 1.0) > max(self.ratio_error, LEAST_RATIO)
-
-
-AT_ONCE = 1 << 17
-"""Numbers of several columns that are compared at once: they stay in the processor's cache."""
 
 
 def compare(
@@ -119,28 +102,12 @@ def compare(
     edges: Sequence[tuple[int, int]],
     *,
     projected: bool = False,
-) -> list[Comparison | None]:
+) -> list[ColumnComparison | None]:
     """Compare changes (T − 1, n) over all intervals with rates (T, n), between gaps (`edges`), by columns.
 
     `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
     may have been put back onto constraints after each step. None where nothing moves.
     """
-    size = max(1, AT_ONCE // max(1, len(t)))
-    comparisons: list[Comparison | None] = []
-    for first in range(0, moved.shape[1], size):
-        some = slice(first, first + size)
-        comparisons += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
-    return comparisons
-
-
-def _compared(
-    t: Array,
-    moved: Array,
-    rate: Array,
-    bar: Array,
-    edges: Sequence[tuple[int, int]],
-    projected: bool,
-) -> list[Comparison | None]:
     # A scheme, or a delay, is late by a time that is the same where rows are lost.
     typical = float(np.median(np.diff(t)))
     straight = []
@@ -151,9 +118,6 @@ def _compared(
     trapezoid, L = (np.hstack([part[k] for part in straight]) for k in (0, 1))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
-    exact = _of_a_scheme(D, trapezoid, L, noise, start, np.diff(t)[start])
-    if exact:
-        return exact
     parts = []
     for (a, b), (own, _, half, change) in zip(edges, straight):
         fine, coarse = (spline_integrals(t[a:b], rate[a:b], k).T for k in (5, 3))
@@ -165,7 +129,7 @@ def _compared(
     fine, C, S, B = (np.hstack(x) for x in zip(*parts))
     extent = _sizes(D)
     active = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
-    comparisons: list[Comparison | None] = [None] * len(D)
+    comparisons: list[ColumnComparison | None] = [None] * len(D)
     if not len(active):
         return comparisons
     if len(active) < len(D):
@@ -174,26 +138,21 @@ def _compared(
         )
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     integrals = np.stack([fine, trapezoid])
-    r, late, residual, keep = _robust(
-        integrals, L, D, np.hypot(noise, 1e-3 * extent[:, None] + S), noise
-    )
-    best = np.argmin(medians(np.abs(residual)), axis=0)
-    I, r, late, residual, keep = (
-        x[best, np.arange(len(D))] for x in (integrals, r, late, residual, keep)
-    )
+    spread = np.hypot(noise, 1e-3 * extent[:, None] + S)
+    I, r, late, residual, keep = _robust(integrals, L, D, spread, noise)
     bars = noise + S
     count = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * residual**2, axis=-1) / count)
-    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
-    # that looks like another r, and is found from what it would leave besides.
+    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `OWN_QUADRATURE`. Of
+    # oscillations that looks like another r, and is found from what it would leave besides.
     x, y, variance = _least_squares(I * keep, L * keep, C * keep)
     error = scatter * np.sqrt(variance)
     alone = keep * (C - x[:, None] * I - y[:, None] * L)
     size = np.sqrt(np.sum(alone**2, axis=-1) / count)
     if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
-        c = np.full_like(size, QUADRATURE + PROJECTION)
+        c = np.full_like(size, OWN_QUADRATURE + ON_A_CIRCLE)
     else:
-        c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
+        c = np.fmin(OWN_QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
     # Nor is r told better than one quadrature along the rows tells it like another.
     otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
     # Of rates that decay evenly a delay of a row does the same.
@@ -202,18 +161,18 @@ def _compared(
     alike = np.where(apart < ROUGHLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
-    most = QUADRATURE + PROJECTION * projected
+    most = OWN_QUADRATURE + ON_A_CIRCLE * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
     by_scheme = np.clip(np.sum(keep * C * residual, axis=-1) / squares, -most, most)
     rest, barred, defect = _sizes(residual - by_scheme[:, None] * C), _sizes(bars), _sizes(residual)
     unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
     instant = _sizes(L) > 4.0 * _sizes(noise)
     size = np.abs(residual)
-    outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
+    outliers = size > FAR_DEFECT * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
     squared = np.vecdot(D, D) * np.vecdot(I, I)
     correlation = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     for k, column in enumerate(active):
-        comparisons[column] = Comparison(
+        comparisons[column] = ColumnComparison(
             float(r[k]),
             float(ratio_error[k]),
             float(late[k]),
@@ -232,37 +191,6 @@ def _compared(
             float(unsteady[k]),
         )
     return comparisons
-
-
-def _of_a_scheme(
-    moved: Array, trapezoid: Array, linear: Array, noise: Array, start: NDArray[np.intp], h: Array
-) -> list[Comparison | None]:
-    """The comparisons of columns (n, I) that one scheme moves by its own rates; none if one does not follow.
-
-    Nearly all logs of every step do: q moves by the speed before, by that after, or by their mean. No spline
-    can tell more of them.
-    """
-    extent = _sizes(moved)
-    if not extent.all():
-        return []
-    late, residual = 0.0, moved - trapezoid
-    for theta in (0.0, 0.5, -0.5):  # rates that do not change are not late
-        late, rest = theta, np.abs(residual - theta * linear)
-        if np.all(rest.max(axis=-1) <= HALF_DIGITS * extent):
-            break
-    else:
-        return []
-    residual = residual - late * linear
-    shares = (_sizes(residual) / extent).tolist()
-    instant = (_sizes(linear) > 4.0 * _sizes(noise)).tolist()
-    none = np.zeros(len(h), dtype=np.bool_)
-    return [
-        Comparison(
-            1.0, LEAST_RATIO, late, residual[k], noise[k], moved[k], trapezoid[k], start,
-            shares[k], 1.0, False, none, False, instant[k], 0.0,
-        )
-        for k in range(len(moved))
-    ]  # fmt: skip
 
 
 def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
@@ -290,49 +218,32 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
 
 def _robust(
     integrals: Array, linear: Array, moved: Array, spread: Array, noise: Array
-) -> tuple[Array, Array, Array, Mask]:
-    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
+) -> tuple[Array, Array, Array, Array, Mask]:
+    """∫x' dt, R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
 
-    Along the last axis, of every column and each of the quadratures `integrals` of it at once, until they are
-    settled. A quadrature that another one leaves far behind is given up: its r and θ are rough.
+    Along the last axis, of every column at once, by that of the quadratures `integrals` that leaves least.
     """
-    quadratures, columns, _ = integrals.shape
-    r, late, typical = np.zeros((3, quadratures * columns))
-    open_ = np.arange(quadratures * columns)
-    settled = np.zeros(len(open_), dtype=np.bool_)
-    x, of = integrals.reshape(len(open_), -1), open_ % columns
-    y, m, s = (a[of] for a in (linear, moved, spread))
-    weight = 1.0 / s
-    for _ in range(12):
-        of = open_ % columns
-        before = r[open_], late[open_]
-        now = _least_squares(x * weight, y * weight, m * weight)[:2]
-        r[open_], late[open_] = now
-        size = np.abs(m - now[0][:, None] * x - now[1][:, None] * y)
-        middle = medians(size)
-        typical[open_] = middle
-        # Absolute values count, not squares: a few impacts must not bend the line.
-        size = np.maximum(size, 1e-3 * s + middle[:, None])
-        size *= s
-        weight = 1.0 / np.sqrt(size, out=size)
-        done = np.all(np.abs(np.subtract(now, before)) <= SAME * np.maximum(np.abs(now), 1.0), 0)
-        settled[open_[done]] = True
-        least = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
-        on = ~done & (SMALL_SHARE * middle <= least[of])
-        if not on.any():
+    columns, weight = np.arange(len(moved)), 1.0 / spread
+    r, late = np.zeros((2, *integrals.shape[:2]))
+    for _ in range(MOST_REWEIGHTINGS):
+        before = r, late
+        r, late, _ = _least_squares(integrals * weight, linear * weight, moved * weight)
+        residual = moved - r[..., None] * integrals - late[..., None] * linear
+        size = np.abs(residual)
+        typical = medians(size)
+        best = np.argmin(typical, axis=0), columns
+        if np.allclose((r[best], late[best]), [x[best] for x in before], SAME, SAME):
             break
-        if not on.all():
-            open_ = open_[on]
-            x, y, m, s, weight = (a[on] for a in (x, y, m, s, weight))
-    r, late, typical = (a.reshape(quadratures, columns) for a in (r, late, typical))
-    residual = moved - r[..., None] * integrals - late[..., None] * linear
-    return r, late, residual, np.abs(residual) <= 7.0 * typical[..., None] + 3.0 * noise
+        # Absolute values count, not squares: a few impacts must not bend the line.
+        weight = 1.0 / np.sqrt(np.maximum(size, 1e-3 * spread + typical[..., None]) * spread)
+    keep = size[best] <= 7.0 * typical[best][:, None] + 3.0 * noise
+    return integrals[best], r[best], late[best], residual[best], keep
 
 
 def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     """Whether all parts of a log say the same factor: a clock and a gear do, impacts and kinks do not."""
     weights, near = [], []
-    for x, y in zip(np.array_split(integrals, STRETCHES), np.array_split(moved, STRETCHES)):
+    for x, y in zip(np.array_split(integrals, NEIGHBOURS), np.array_split(moved, NEIGHBOURS)):
         size = float(x @ x)
         if size > 0.0:
             weights.append(size)
@@ -340,7 +251,9 @@ def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     return bool(weights) and float(np.dot(weights, near)) > 0.8 * sum(weights)
 
 
-def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
+def coordinates_against_speeds(
+    mechanism: Mechanism, run: Trajectory
+) -> dict[str, ColumnComparison]:
     """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
     rows, edges = _looked_at(run)
     if not edges:
@@ -387,13 +300,13 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
     """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
     happened = np.searchsorted(run.t, [e.t for e in run.events])
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
-    pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
+    pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= SHORTEST_PART]
     total = sum(b - a for a, b in pieces)
-    if total <= MANY:
+    if total <= LOOKED_AT:
         return pieces
-    share, parts = MANY / total, []
+    share, parts = LOOKED_AT / total, []
     for a, b in pieces:
-        size = max(LEAST_ROWS, int(share * (b - a) / 3))
+        size = max(SHORTEST_PART, int(share * (b - a) / 3))
         if b - a <= 3 * size:
             parts.append((a, b))
             continue
@@ -405,7 +318,7 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
 def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
     """The rows of the stretches of a long log, else all; and where these stretches are among them."""
     edges = stretches(run)
-    if len(run) <= MANY:
+    if len(run) <= LOOKED_AT:
         return slice(None), edges
     rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
     ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()
@@ -415,7 +328,7 @@ def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
 # --- what all columns have in common ----------------------------------------------------------------------
 
 
-def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
+def unsteadiness(comparisons: Mapping[str, ColumnComparison]) -> float:
     """How far rows are those of one motion at their times, as a share of the movement: `unsteady` of most.
 
     Scattered time stamps and interpolation are common to all columns; one bad column is not.

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import LONG_LOG
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, MotionRows, VerifiedSpan
 from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
-from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
+from deltac.errors import ArgumentsError, InputError, SolverError, WrongType
 from deltac.importers.files import with_base
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -33,7 +33,7 @@ FEWEST, MOST = 20, 5_000_000
 MOST_OF_MUJOCO = 10 * LONG_LOG
 """Steps of the finest setting in MuJoCo, where each is recorded."""
 
-ROWS = LONG_LOG
+SEARCHED_ROWS = LONG_LOG
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
 
 FINER = (2, 8, 16, 32, 64)
@@ -122,9 +122,11 @@ def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: b
     The first ones tell how fast the motion is, and so what others can be worth.
     """
     if in_mujoco:
-        from deltac.recorders.mujoco_recorder import ORDERS
+        from deltac.recorders.mujoco_recorder import MUJOCO_ORDERS
 
-        return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
+        return [
+            f"{MUJOCO}{name}" for name in sorted(MUJOCO_ORDERS, key=lambda n: -MUJOCO_ORDERS[n])
+        ]
     stepping = [s for s in SOLVERS.values() if s.takes_steps]
     adaptive = (
         [] if controller and controller.hold else [SOLVERS[n] for n in SUITED if n in SOLVERS]
@@ -208,7 +210,7 @@ def _own(
         solver.stages,
         _steps(duration, FEWEST, MOST),
         "step",
-        lambda step: stepped(step, ROWS),
+        lambda step: stepped(step, SEARCHED_ROWS),
         every_step,
         work=lambda step: stepped(step, SAMPLES),
         implicit=_implicit(solver),
@@ -223,12 +225,8 @@ def _mujoco(
     controller: Control | None,
     deadline: Deadline,
 ) -> Family:
-    from deltac.recorders.mujoco_recorder import ORDERS, integrator_names, mujoco_simulator
+    from deltac.recorders.mujoco_recorder import integrator_names, mujoco_simulator
 
-    if integrator.lower() not in ORDERS:
-        raise UnknownName(
-            f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), ORDERS)}"
-        )
     recorded = mujoco_simulator(
         source, duration, integrator=integrator, controller=controller, state=state
     )

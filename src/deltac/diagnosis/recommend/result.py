@@ -14,7 +14,7 @@ from deltac.results import Report, Section, Table, number, percent
 if TYPE_CHECKING:
     from deltac.importers.report import ImportReport
 
-LIMITS = (
+RECOMMENDATION_LIMITS = (
     "errors of the model: the recommendation concerns the integration only",
     "other motions: a different start or drive may need a smaller step",
     "other machines: the times were measured on this one, though their ratios vary little",
@@ -68,7 +68,7 @@ class Recommendation(
     reference_energy: float
     still: bool = False
     notes: tuple[str, ...] = ()
-    limits: tuple[str, ...] = LIMITS
+    limits: tuple[str, ...] = RECOMMENDATION_LIMITS
     import_report: ImportReport | None = None
 
     @property

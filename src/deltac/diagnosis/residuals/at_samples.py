@@ -22,8 +22,9 @@ from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
+from deltac.trajectories.rates import derived_error
 
-MOST_ROWS = 3000
+MOST_SAMPLES = 3000
 """Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
 
 CLEAR_OF_ROUNDING = 50.0
@@ -52,11 +53,21 @@ class RunResidual:
 
     @cached_property
     def precision(self) -> tuple[Array, Array]:
-        """Residual (n,) that the run's number of digits, or rounding, explains, and rates (c,) likewise."""
-        rounded, moved = _tested(self.test.kane, within_digits(self.run, self.rows))
+        """Residual (n,) that the run's number of digits, or rounding, explains, and rates (c,) likewise.
+
+        And the error of accelerations that were derived from speeds.
+        """
+        test = self.test
+        rounded, moved = _tested(test.kane, within_digits(self.run, self.rows))
+        error = np.zeros_like(self.udot)
+        if (derived := derived_error(self.run, "udot")) is not None:
+            free = np.repeat(derived[test.kane.mechanism.free.u, None], len(self.rows), axis=1)
+            error = times(np.abs(np.linalg.pinv(test.point.Y)), free)
         return (
-            rms(rounded.residual(moved) - self.residual) + 4.0 * EPS * self.scale,
-            rms(rounded.violation(moved) - self.rates),
+            rms(rounded.residual(moved) - self.residual)
+            + rms(times(np.abs(test.M), error))
+            + 4.0 * EPS * self.scale,
+            rms(rounded.violation(moved) - self.rates) + rms(times(np.abs(test.G), error)),
         )
 
     @property
@@ -108,11 +119,11 @@ STIFFEST = 3.0
 
 
 def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
-    """The residual of a run with u̇ at (at most `MOST_ROWS`) of its rows.
+    """The residual of a run with u̇ at (at most `MOST_SAMPLES`) of its rows.
 
     Raises InputError for own coordinates whose inverse is not known.
     """
-    rows = some_rows(run, MOST_ROWS)
+    rows = some_rows(run, MOST_SAMPLES)
     test, udot = _tested(kane, run.take(rows))
     residual, rates = test.residual(udot), test.violation(udot)
     return RunResidual(run, rows, test, udot, residual, rates, test.typical(udot))

@@ -186,7 +186,7 @@ class EquationTest:
         """|`residual`| as a fraction of `typical` (n, B); infinite where u̇ is not finite."""
         return _relative(self.residual(udot), self.typical(udot)[:, None])
 
-    def _of_joints(self, udot: Array) -> tuple[Array, Array]:
+    def of_joints(self, udot: Array) -> tuple[Array, Array]:
         """The residual of the mechanism's own free speeds (n, B), and the sum of its absolute terms."""
         joint, terms = times(self.point.Y, udot) + self.point.rest, self.terms
         unbalanced = terms.force - terms.bias - times(terms.M, joint)
@@ -208,12 +208,12 @@ class EquationTest:
 
     def powers(self, udot: Array) -> dict[str, Array]:
         """ε = Ė − P = −Σ u_r (F_r + F*_r) (B,), W, of each testing function that applies: one test."""
-        power = -_dot(self.point.u, self._of_joints(udot)[0])
+        power = -_dot(self.point.u, self.of_joints(udot)[0])
         return dict.fromkeys(applicable(constrained=bool(len(self.kane.rows))), power)
 
     def momenta(self, udot: Array) -> dict[str, Array]:
         """Rate of each momentum less the forces that change it (B,), N or N·m."""
-        residual, _ = self._of_joints(udot)
+        residual, _ = self.of_joints(udot)
         return {name: -_dot(along, residual) for name, along in self._screws.items()}
 
     def violation(self, udot: Array) -> Array:
@@ -231,7 +231,7 @@ class EquationTest:
             np.abs(self.G), np.abs(udot) + SMALL_SHARE * self._natural
         )
         watts = _typical(_dot(np.abs(self.states.u), self.scale(udot)))
-        size = self._of_joints(udot)[1]
+        size = self.of_joints(udot)[1]
         newtons = {n: _typical(_dot(np.abs(along), size)) for n, along in self._screws.items()}
         return Residuals(
             self.relative(udot),

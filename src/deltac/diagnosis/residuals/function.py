@@ -1,4 +1,4 @@
-"""Calling a function that somebody wrote: batches where it takes them, and clear words where it fails."""
+"""Calling a function that somebody wrote, state by state, with clear words where it fails."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SAME, Array
-from deltac.calls.progress import Progress, counted, untold
+from deltac.calls.progress import Progress, counted, no_progress
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import TRIAL_STATES, States, in_user_coordinates, some_rows
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import (
-    PLAIN,
+    PLAIN_FORM,
     StateForm,
     candidate_forms,
     likeliest,
@@ -30,7 +29,7 @@ from deltac.simulation.state_form import (
     signature,
 )
 
-NODES, ORDER = 9, 5
+LINE_POINTS, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
 
 STEP = 1e-6
@@ -56,25 +55,23 @@ class Caller:
     """A function u̇ = rhs(t, q, u), or of another `form`, called with care.
 
     `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
-    `residuals.states.in_user_coordinates`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives
-    what single calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the
-    arrays it was given (copies). `progress` is told the share of the states at which it has been called.
+    `residuals.states.in_user_coordinates`). `overwrites` tells, with numbers, that it wrote into the arrays
+    it was given (copies). `progress` is told the share of the states at which it has been called.
     """
 
     rhs: Callable[..., Any]
     name: str
     kane: Kane
-    vectorised: bool | None = None
     overwrites: str = ""
-    form: StateForm = PLAIN
-    progress: Progress = untold
+    form: StateForm = PLAIN_FORM
+    progress: Progress = no_progress
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
         names = self.kane.user_names, test.states.speeds
         parameters = signature(self.rhs)
         candidates = candidate_forms(parameters, equations.form, equations.order, *names, motors)
-        if candidates == [PLAIN]:
+        if candidates == [PLAIN_FORM]:
             return
         right = test.rates, test.acceleration
         places = some_rows(test.states, TRIAL_STATES)
@@ -84,8 +81,8 @@ class Caller:
             return self.with_form(form).whole(some)
 
         likely = likeliest(candidates, evaluate, *(x[:, places] for x in right))
-        self.form = PLAIN if likely is None else likely
-        if likely is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
+        self.form = PLAIN_FORM if likely is None else likely
+        if likely is None and not _takes(self.rhs, PLAIN_FORM.given(0.0, (), (), np.array, 0.0)):
             raise SourceError(self._how_to_call(candidates, evaluate))
         if self.form.order:
             self._try_momenta(candidates, evaluate, right[0][:, places])
@@ -169,7 +166,7 @@ class Caller:
 
     def with_form(self, form: StateForm) -> Caller:
         """The same function, taken to be of another form."""
-        return Caller(self.rhs, self.name, self.kane, False, form=form)
+        return Caller(self.rhs, self.name, self.kane, form=form)
 
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
@@ -201,24 +198,19 @@ class Caller:
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.
 
-        Raises InputError, with the state, if the function raises or returns no u̇; and if a second call
-        gives other values than the first.
+        Raises InputError, with the state, if the function raises or returns no u̇.
         """
-        if self.vectorised is None:
-            self._examine(in_user_coordinates(self.kane, states))
-        if self.vectorised:
-            batch = self._batch(in_user_coordinates(self.kane, states))
-            if batch is not None:
-                return batch
         return self.whole(states)[1]
 
-    def _examine(self, states: States) -> None:
-        """Find out about batches, memory and writing."""
-        some = states.take(some_rows(states, TRIAL_STATES))
+    def refuse_memory(self, states: States) -> None:
+        """Raise InputError if a second call at a state gives other values than the first."""
+        some = in_user_coordinates(self.kane, states.take(some_rows(states, TRIAL_STATES)))
         first = self._singly(some)
         backwards = slice(None, None, -1)
         second = self._singly(some.take(backwards))[:, backwards]
-        differs = ~_close(first, second).all(axis=0)
+        size = np.maximum(np.nan_to_num(np.abs(first)).max(axis=0), 1e-300)
+        same = np.isclose(first / size, second / size, rtol=0.0, atol=SAME, equal_nan=True)
+        differs = ~same.all(axis=0)
         if differs.any():
             k = int(np.argmax(differs))
             raise SourceError(
@@ -226,20 +218,8 @@ class Caller:
                 f"{_numbers(first[:, k])}, then {_numbers(second[:, k])}; it has a memory or a random "
                 f"element. State: {some.in_words(k)}"
             )
-        batch = self._batch(some) if self.form.plain and len(first) == len(some.u) else None
-        self.vectorised = batch is not None and bool(_close(first, batch).all())
 
-    def _batch(self, states: States) -> Array | None:
-        """One call for all states; None if the function does not take batches."""
-        try:
-            with np.errstate(all="ignore"):
-                answer = self.rhs(states.t.copy(), states.q.copy(), states.u.copy())
-                value = np.asarray(answer, dtype=np.float64)
-        except Exception:  # whatever a function of single states raises on arrays
-            return None
-        return value if value.shape == states.u.shape else None
-
-    def _singly(self, states: States, progress: Progress = untold) -> Array:
+    def _singly(self, states: States, progress: Progress = no_progress) -> Array:
         """One call a state: u̇ (n, B), or q̇ and u̇ (nq + n, B)."""
         return np.stack(
             [self._one(states, k) for k in counted(range(len(states)), progress)], axis=1
@@ -320,19 +300,19 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
     some = states.take(some_rows(range(among), TRIAL_STATES))
     rng = np.random.default_rng(1)
     count = len(some)
-    shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)
-    towards_q = np.tile(rng.choice([-1.0, 1.0], some.q.shape), NODES)
-    towards_u = np.tile(rng.choice([-1.0, 1.0], some.u.shape) * scales[:, None], NODES)
-    size = np.maximum(np.abs(np.tile(some.q, NODES)), 1e-2)
+    shift = STEP * np.repeat(np.arange(LINE_POINTS) - LINE_POINTS // 2, count)
+    towards_q = np.tile(rng.choice([-1.0, 1.0], some.q.shape), LINE_POINTS)
+    towards_u = np.tile(rng.choice([-1.0, 1.0], some.u.shape) * scales[:, None], LINE_POINTS)
+    size = np.maximum(np.abs(np.tile(some.q, LINE_POINTS)), 1e-2)
     line = States(
-        np.tile(some.t, NODES) + shift,
-        np.tile(some.q, NODES) + shift * size * towards_q,
-        np.tile(some.u, NODES) + shift * towards_u,
+        np.tile(some.t, LINE_POINTS) + shift,
+        np.tile(some.q, LINE_POINTS) + shift * size * towards_q,
+        np.tile(some.u, LINE_POINTS) + shift * towards_u,
         states.coordinates,
         states.speeds,
     )
     residual = EquationTest(kane, line, strict=False).residual(caller(line))
-    values = residual.reshape(len(residual), NODES, count)
+    values = residual.reshape(len(residual), LINE_POINTS, count)
     differences = np.diff(values, ORDER, axis=1)
     gain = factorial(ORDER) ** 2 / factorial(2 * ORDER)
     with np.errstate(invalid="ignore"):
@@ -348,11 +328,6 @@ def uncertainty(relative_noise: Array, clear: float) -> Array:
     worst = float(relative_noise.max(initial=EPS))
     by_differences = min(10.0 * EPS / worst, 1e-3) if worst > ROUGH else 0.0
     return clear * relative_noise + by_differences
-
-
-def _close(a: Array, b: Array) -> NDArray[np.bool_]:
-    size = np.maximum(np.nan_to_num(np.abs(a)).max(axis=0, initial=0.0), 1e-300)
-    return np.asarray(np.isclose(a / size, b / size, rtol=0.0, atol=SAME, equal_nan=True))
 
 
 def _numbers(values: Array) -> str:

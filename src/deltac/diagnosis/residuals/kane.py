@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, SMALL_SHARE, Array
 from deltac.dynamics.admissible import onto_positions
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
@@ -91,7 +91,7 @@ class Kane:
         self.motion: EquationsOfMotion = equations_of_motion(mechanism, vary)
         self.system: System = self.motion.system
         self.parts: tuple[Channel, ...] = self.motion.channels
-        self.rows: Rows = self.motion.rows
+        self.rows: ConstraintRows = self.motion.rows
         self.own: OwnCoordinates | None = (
             None
             if self.coordinates is None

@@ -26,7 +26,7 @@ from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
-from deltac.errors import InputError, LogError, ModelError, StateError
+from deltac.errors import InputError, ModelError, StateError
 from deltac.foreign.limits import Limits
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -205,19 +205,10 @@ def _well_conditioned(rows: Array) -> NDArray[np.bool_]:
 
 
 def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
-    """Rows of a run as states in own coordinates.
+    """Rows of a run in the mechanism's order as states in own coordinates.
 
-    Raises InputError for a run of another mechanism, and for a map whose inverse is not known.
+    Raises InputError for a map whose inverse is not known.
     """
-    for what, ours, theirs in (
-        ("coordinates", kane.mechanism.coordinates.names, run.coordinates),
-        ("speeds", kane.mechanism.speeds.names, run.speeds),
-    ):
-        if tuple(theirs) != ours:
-            raise LogError(
-                f"the run's {what} are {', '.join(theirs)}; those of {kane.mechanism.name!r} are "
-                f"{', '.join(ours)}"
-            )
     free = kane.mechanism.free
     return own_states(kane, run.t[rows], run.q[rows].T[free.q], run.u[rows].T[free.u])
 

@@ -31,7 +31,7 @@ terms of higher order)."""
 EARLY = 32
 """The first of so many parts of the time tells truncation from rounding, before either is amplified."""
 
-FEWEST = 8
+FEWEST_TIMES = 8
 """Common times below which curves are not compared over time."""
 
 

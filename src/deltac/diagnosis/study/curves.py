@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
-from deltac.diagnosis.study.convergence import FEWEST, Convergence, between_runs, towards_zero
+from deltac.diagnosis.study.convergence import FEWEST_TIMES, Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -21,23 +21,27 @@ Rows: TypeAlias = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class ComparedRuns:
-    """The same motion in n runs at their T common times.
+    """The same motion in n runs, the coarsest first, at their T common times.
 
     Attributes:
-        t: common times (T,).
+        runs: those of one motion; `t`: their common times (T,).
         rows: of each run, which rows these are.
         states: scaled coordinates and speeds (n, T, m): of one unit and kind, the largest range is 1.
-        steps: of the runs (n,), s or tolerances, the coarsest first.
         horizon: the time up to which the three finest stay together.
         first: the coarsest run from which on all stay together up to there.
     """
 
+    runs: tuple[BalancedRun, ...]
     t: Array
     rows: tuple[Rows, ...]
     states: Array
-    steps: Array
     horizon: float
     first: int
+
+    @property
+    def steps(self) -> Array:
+        """The step of each run (n,), s, or its tolerance."""
+        return np.array([entry.step for entry in self.runs])
 
     @property
     def within(self) -> int:
@@ -47,7 +51,7 @@ class ComparedRuns:
     @property
     def apart(self) -> bool:
         """Whether too few times, or runs, are together to compare curves: maxima are all there is."""
-        return self.within < FEWEST or self.first > len(self.rows) - 2
+        return self.within < FEWEST_TIMES or self.first > len(self.rows) - 2
 
     def towards_zero(self, curves: Sequence[Array], bars: Sequence[Array]) -> Convergence:
         """How curves of the runs that should be zero converge, as long as these stay together."""
@@ -61,25 +65,25 @@ class ComparedRuns:
         )
         return towards_zero(self.steps[first:], y, floors.max(axis=1))
 
-    def motion(self, rows: Sequence[int]) -> Convergence:
-        """How the motion converges while the runs, of so many rows, are together."""
-        if self.within < max(2, min(FEWEST, len(self.t))):
-            return Convergence("does not settle" if len(self.steps) > 1 else "one run")
+    def motion(self) -> Convergence:
+        """How the motion converges while the runs are together."""
+        if self.within < max(2, min(FEWEST_TIMES, len(self.t))):
+            return Convergence("does not settle" if len(self.runs) > 1 else "one run")
         x = self.states[self.first :, 1 : self.within]
-        floors = 8.0 * EPS * np.sqrt(rows)[self.first :] * max(1.0, float(np.abs(x).max()))
+        rows = np.array([len(entry.run) for entry in self.runs[self.first :]])
+        floors = 8.0 * EPS * np.sqrt(rows) * max(1.0, float(np.abs(x).max()))
         return between_runs(self.steps[self.first :], x, floors)
 
 
-def compare(
-    mechanism: Mechanism, runs: Sequence[Trajectory], steps: Sequence[float]
-) -> ComparedRuns:
+def compare(mechanism: Mechanism, entries: Sequence[BalancedRun]) -> ComparedRuns:
     """Put runs side by side, coarsest step first."""
+    runs = [entry.run for entry in entries]
     t, rows = common_times([run.t for run in runs])
     states = _scaled(mechanism, runs, rows)
     together = [_parting(t, a, b) for a, b in zip(states, states[1:])]
     horizon = min(together[-2:], default=float(t[-1]))
     first = max((k + 1 for k, end in enumerate(together) if end < horizon), default=0)
-    return ComparedRuns(t, tuple(rows), states, np.array(steps), horizon, first)
+    return ComparedRuns(tuple(entries), t, tuple(rows), states, horizon, first)
 
 
 def _parting(t: Array, a: Array, b: Array) -> float:
@@ -217,26 +221,14 @@ def _same(a: Trajectory, b: Trajectory) -> bool:
 
 
 def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
-    stiff = [entry for entry in runs if entry.stiff]
-    if stiff:
-        yield Finding(
-            "stiff-step",
-            f"{'the step' if len(stiff) == 1 else 'steps'} {', '.join(f'{r.step:g}' for r in stiff)} s "
-            f"{'is' if len(stiff) == 1 else 'are'} too large for the fast parts of the mechanism",
-            stiff[-1].stiff.rstrip("."),
-            "Convergence at such steps says little about the motion",
-        )
-    stopped = [(entry, f) for entry in runs for f in entry.findings if f.kind == "stopped"]
-    if len(stopped) > 1:
-        yield replace(
-            stopped[-1][1],
-            what="; ".join(f.what for _, f in stopped),
-        )
-    conditions = [f for entry in runs for f in entry.findings if f.kind == "ill-conditioned"]
-    yield from conditions[:1]  # all runs have one start
+    """What was noticed of single runs, once of all that have it, and the runs that are not there."""
+    alike: dict[tuple[str, str, str], list[Finding]] = {}
     for entry in runs:
-        kinds = ("ill-conditioned", *(("stopped",) if len(stopped) > 1 else ()))
-        yield from (f for f in entry.findings if f.kind not in kinds)
+        for f in entry.findings:
+            alike.setdefault((f.kind, f.element, f.weight), []).append(f)
+    for same in alike.values():
+        yield replace(same[-1], what="; ".join(dict.fromkeys(f.what for f in same)))
+    for entry in runs:
         if entry.failure:
             yield Finding(
                 "run-failed",

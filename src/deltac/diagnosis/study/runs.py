@@ -15,6 +15,7 @@ from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import OF_RATES
+from deltac.diagnosis.residuals.at_samples import within_digits
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding
 from deltac.energy import Ledger, balance
@@ -63,7 +64,6 @@ class StudyRun:
         blown_up: the integration became unstable; `run` are the rows before that.
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
-        stiff: why the step is far too large for friction or contact, or "".
     """
 
     step: float
@@ -75,7 +75,6 @@ class StudyRun:
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
-    stiff: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,21 +107,18 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     for number in sorted(values, reverse=True):
         close = distinct and distinct[-1] / number < 1.0 + ROUGHLY
         (dropped if close else distinct).append(number)
-    if not dropped:
-        return tuple(distinct), []
-    if len(distinct) == 1:
+    given, close_ones = (", ".join(f"{x:g}" for x in some) for some in (values, dropped))
+    if dropped and len(distinct) == 1:
         raise InputError(
-            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
-            f"half of the previous one"
+            f"{what}s {given} do not refine each other: give three, each half of the previous one"
         )
-    return tuple(distinct), [
-        Finding(
-            "steps-do-not-refine",
-            f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
-            f"given: {', '.join(f'{x:g}' for x in values)}",
-            "Make each half of the previous one",
-        )
-    ]
+    finding = Finding(
+        "steps-do-not-refine",
+        f"{close_ones}: too close to the {what} before, and left out",
+        f"given: {given}",
+        "Make each half of the previous one",
+    )
+    return tuple(distinct), [finding] if dropped else []
 
 
 def simulated(
@@ -169,9 +165,8 @@ def logged(mechanism: Mechanism, sources: Sequence[Trajectory | str | Path]) -> 
 def _simulated(
     mechanism: Mechanism, simulator: Simulator, step: float, *, trusted: bool
 ) -> StudyRun:
-    stopped = ""
     try:
-        run, stiff, ill = _quietly(simulator, step)
+        run, findings = _quietly(simulator, step)
     except KeyboardInterrupt:
         raise
     except DeltacError as error:
@@ -186,28 +181,15 @@ def _simulated(
             failure=f"the simulator returned {type(run).__name__}, expected a Trajectory "
             "(deltac.TrajectoryBuilder makes one)",
         )
-    if not run.provenance.completed:
-        stopped = run.provenance.message or "it stopped before its end"
     entry = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
     own_step = run.provenance.step
-    findings = list(entry.findings)
-    if stopped:
+    if not run.provenance.completed:
         findings.append(
             Finding(
                 "stopped",
                 f"the run at step {step:g} stopped at t = {run.t[-1]:.4g} s",
-                stopped.rstrip("."),
+                (run.provenance.message or "it stopped before its end").rstrip("."),
                 "Nothing after that is compared",
-            )
-        )
-    if ill:
-        findings.append(
-            Finding(
-                "ill-conditioned",
-                "the accelerations have few digits in double precision",
-                ill,
-                "Masses or lengths differ by too many powers of ten: no step makes the runs better",
-                "doubt",
             )
         )
     if own_step is not None and not trusted and abs(own_step - step) > 1e-6 * step:
@@ -220,25 +202,40 @@ def _simulated(
                 "doubt",
             )
         )
-    return replace(entry, findings=tuple(findings), stiff=stiff)
+    return replace(entry, findings=(*entry.findings, *findings))
 
 
-def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
-    """The run, and what was warned of its step and its digits: the study says that once. Others go on."""
+def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, list[Finding]]:
+    """The run, and what was warned first of its step and its digits, as findings. Others go on."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulator(step)
-    stiff = ill = ""
+    findings: dict[type[Warning], Finding] = {}
     for warning in caught:
+        why = str(warning.message).rstrip(".")
         if issubclass(warning.category, StiffStepWarning):
-            stiff = stiff or str(warning.message)  # the first names the element
-        elif issubclass(warning.category, IllConditionedWarning):
-            ill = str(warning.message).rstrip(".")
-        elif not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
-            warnings.warn_explicit(
-                warning.message, warning.category, warning.filename, warning.lineno
+            finding = Finding(
+                "stiff-step",
+                f"the step {step:g} s is too large for the fast parts of the mechanism",
+                why,
+                "Convergence at such steps says little about the motion",
             )
-    return run, stiff, ill
+        elif issubclass(warning.category, IllConditionedWarning):
+            finding = Finding(
+                "ill-conditioned",
+                "the accelerations have few digits in double precision",
+                why,
+                "Masses or lengths differ by too many powers of ten: no step makes the runs better",
+                "doubt",
+            )
+        else:
+            if not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
+                warnings.warn_explicit(
+                    warning.message, warning.category, warning.filename, warning.lineno
+                )
+            continue
+        findings.setdefault(warning.category, finding)
+    return run, [*findings.values()]
 
 
 def _balanced(
@@ -366,8 +363,6 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
 
     Nothing for a log in double precision, whose rounding the ledger knows.
     """
-    from deltac.diagnosis.residuals.at_samples import within_digits
-
     run, was = log.run, log.ledger
     moved = within_digits(run, np.arange(len(run)))
     if all(np.allclose(a, b, 4 * EPS, 0.0) for a, b in ((moved.q, run.q), (moved.u, run.u))):

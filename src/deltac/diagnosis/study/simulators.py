@@ -188,7 +188,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
 
     equations = explicit(trace(mechanism), equations)
     kane, free = Kane(mechanism, equations.coordinates), mechanism.free
-    caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
+    caller = Caller(equations.rhs, equations.name, kane)
     with suppress(ModelError):  # own coordinates of the start are not known before it is simulated
         columns = (np.array(x, dtype=np.float64)[:, None] for x in (state.q, state.u))
         q, u = (x[places] for x, places in zip(columns, (free.q, free.u)))

@@ -1,29 +1,26 @@
-"""What a study found: `Study`."""
+"""`study`: the same motion at several steps: integration error or wrong equations?"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
-
-import numpy as np
 
 from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.channels import import_remarks, not_simulated
+from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.inputs.omissions import (
     assumed_zero,
     assumed_zero_finding,
     unresolved_works,
 )
-from deltac.diagnosis.study import findings as noticed
-from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import ComparedRuns, compare, disagreements
-from deltac.diagnosis.study.measures import SampleResiduals, StudyMeasures, residuals_of
-from deltac.diagnosis.study.rules import judge_study
+from deltac.diagnosis.study import rules
+from deltac.diagnosis.study.convergence import Convergence
+from deltac.diagnosis.study.curves import compare, disagreements
+from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.runs import (
     BalancedRun,
     Simulator,
@@ -34,6 +31,7 @@ from deltac.diagnosis.study.runs import (
     simulated,
     unblinded,
 )
+from deltac.diagnosis.study.sample_residuals import residuals_of
 from deltac.diagnosis.study.simulators import (
     COARSER,
     MUJOCO,
@@ -48,153 +46,18 @@ from deltac.diagnosis.study.simulators import (
 from deltac.diagnosis.verdict import (
     REFINED_TOLERANCE,
     Finding,
-    Judged,
     Verdict,
     check_tolerance,
     function_of,
 )
 from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.coordinate_map import own_coordinates
-from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.results import Section, Table, number, percent
 from deltac.simulation.solvers import Options, solver_options
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from mujoco import MjData
-
-    from deltac.diagnosis.explain.result import Explanation
-    from deltac.importers.report import ImportReport
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Study(
-    Judged,
-    omit=("mechanism", "runs", "comparison", "measures", "import_report"),
-    also=("relative", "energy_exchanged", "reference_energy", "horizon", "rows", "imported"),
-):
-    """What a study of a motion at several steps found.
-
-    Attributes:
-        mechanism: the model that the runs were tested against.
-        solver: what made the runs.
-        nominal: its order, if known.
-        runs: one entry for each step, coarsest first, failures included.
-        observed_order: how each testing function's ΔC converges, by name, and the motion under "state";
-            `str()` of an entry is "order 5.0 ± 0.1".
-        momentum: how the departure of each momentum balance converges.
-        residuals: of the equations of motion at the runs' own states; None without accelerations.
-        comparison: the runs at their common times, and the horizon up to which they stay together.
-        function: the testing function that the verdict rests on.
-        measures: the numbers that the verdict rests on.
-        verdict: what it means.
-        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
-        import_report: what the model's file held that the model does not, None for other models.
-    """
-
-    mechanism: Mechanism
-    solver: str
-    nominal: int | None
-    runs: tuple[StudyRun, ...]
-    observed_order: Mapping[str, Convergence]
-    momentum: Mapping[str, Convergence]
-    residuals: SampleResiduals | None
-    comparison: ComparedRuns
-    function: str
-    measures: StudyMeasures
-    verdict: Verdict
-    tolerance: float
-    import_report: ImportReport | None = None
-
-    @property
-    def imported(self) -> dict[str, tuple[str, ...]]:
-        """What the import of the model left out, and what it assumed."""
-        return import_remarks(self.import_report)
-
-    @property
-    def horizon(self) -> float:
-        """The time (s) up to which motions at successive steps stay together."""
-        return self.comparison.horizon
-
-    @property
-    def energy_exchanged(self) -> float:
-        """The energy exchanged at the finest step, J."""
-        return self.measures.ledger.energy_exchanged
-
-    @property
-    def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of `reference_energy`."""
-        return self.measures.relative
-
-    @property
-    def reference_energy(self) -> float:
-        """The energy that the error is compared with, J: largest K plus range of V, at the finest step."""
-        return self.measures.ledger.reference_energy
-
-    def explanation(self) -> Explanation:
-        """What is wrong with the equations of the runs: the causes that all steps share, with their odds.
-
-        Each step has an integrator's error of its own, and the same mistake; their Gram matrices are added.
-        It takes about as long as an audit of each run. Raises InputError for runs of too few rows.
-        """
-        # Here, since a study alone must not load SciPy.
-        from deltac.diagnosis.audit.audit import explain_residual
-
-        return explain_residual(
-            self.mechanism, [entry.run for entry in self.runs if isinstance(entry, BalancedRun)]
-        )
-
-    def rows(self) -> tuple[dict[str, Any], ...]:
-        """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
-        state = dict(zip(self.measures.steps, self.observed_order["state"].sizes))
-        return tuple(
-            {
-                "step": entry.step,
-                "delta_c": {n: float(np.abs(c).max()) for n, c in entry.energy_error.items()},
-                "error_bar": {n: float(b.max()) for n, b in entry.bar.items()},
-                "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
-                "state_difference": state.get(entry.step),
-                "failure": entry.failure,
-            }
-            for entry in self.runs
-        )
-
-    def summary(self) -> str:
-        """Verdict, and the energy error at the finest step beside the tolerance."""
-        m = self.measures
-        runs = f"{len(self.runs)} {m.knob}s"
-        sign = ">" if self.relative > self.tolerance else "≤"
-        state = self.observed_order["state"]
-        order = "" if state.order is None else f", order {order_text(state)}"
-        return (
-            f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.reference_energy:.4g} J that the system has, at the finest of {runs} of "
-            f"{self.solver}{order}{self.verdict.certainty}"
-        )
-
-    def sections(self) -> Iterator[Section]:
-        """|ΔC| and the motion at each step, then the verdict."""
-        names = [n for n in self.observed_order if n != "state"]
-        knob = "step (s)" if self.measures.unit else "tolerance"
-        rows: list[tuple[str, ...]] = []
-        for row in self.rows():
-            sizes = (
-                number(row["delta_c"][n], digits=3) if n in row["delta_c"] else "" for n in names
-            )
-            difference = row["state_difference"]
-            state = "no run" if row["failure"] else ""
-            state = state if difference is None else number(difference, digits=3)
-            rows.append((number(row["step"]), *sizes, state))
-        orders = (str(self.observed_order[n]) for n in (*names, "state"))
-        heads = (knob, *(f"|ΔC| {name} (J)" for name in names), "state, to the next")
-        yield Table(heads, (*rows, (), ("", *orders)))
-        yield from self.verdict.sections()
-        if self.import_report is not None:
-            yield from self.import_report.sections()
-
-
-# --- from the runs of a study to what it found ---------------------------------------------------
 
 
 def studied(
@@ -207,18 +70,16 @@ def studied(
     unit: str,
 ) -> Study:
     """From runs to the study: compare, fit, look around, judge."""
-    mechanism, solver, nominal = loaded.mechanism, maker.name, maker.order
+    mechanism = loaded.mechanism
     runs = lasting(unblinded(runs))
     comparable, disagreeing = disagreements(mechanism, runs)
     findings = [*findings, *disagreeing]
     finest = comparable[-1]
     ledger = finest.ledger
-    compared = compare(
-        mechanism, [entry.run for entry in comparable], [entry.step for entry in comparable]
-    )
-    findings += noticed.of_comparison(compared, comparable, "step" if unit else "tolerance")
+    compared = compare(mechanism, comparable)
+    findings += rules.of_comparison(compared, "step" if unit else "tolerance")
     function = function_of(ledger)
-    energy = {
+    orders = {
         name: _kept(
             compared.towards_zero(
                 [entry.energy_error[name] for entry in comparable],
@@ -229,7 +90,7 @@ def studied(
         for name in finest.energy_error
         if all(name in entry.energy_error for entry in comparable)
     }
-    state = compared.motion([len(entry.run) for entry in comparable])
+    orders["state"] = compared.motion()
     momentum = {}
     if not mechanism.constraints and not compared.apart:  # whose reactions these balances leave out
         momentum = {
@@ -241,14 +102,13 @@ def studied(
         }
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
-        energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
+        orders = {name: _none(convergence) for name, convergence in orders.items()}
     residuals = None
     if not trusted:
-        by_step = [(entry.step, entry.run) for entry in comparable]
         by_hand = None if maker.equations is None else maker.equations.coordinates
         residuals = residuals_of(
             mechanism,
-            by_step,
+            [(entry.step, entry.run) for entry in comparable],
             own_coordinates(mechanism, by_hand),
             until=compared.horizon,
             trusted=maker.trusted,
@@ -262,43 +122,30 @@ def studied(
     if not maker.trusted:
         missing = assumed_zero(finest.run, loaded.import_report)
         findings += assumed_zero_finding(missing)
-        findings += noticed.of_impacts(mechanism, finest.run)
-    findings += noticed.of_order(state, nominal, solver)
+        findings += rules.of_impacts(mechanism, finest.run)
+    findings += rules.of_order(orders["state"], maker.order, maker.name)
     findings += unresolved_works(finest.run, ledger)
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
-    findings += noticed.of_constraints(comparable, compared, tolerance, trusted=trusted)
-    findings += noticed.of_momentum(momentum, ledger)
+    findings += rules.of_corrections(ledger, function, tolerance * ledger.reference_energy)
+    findings += rules.of_constraints(compared, tolerance, trusted=trusted)
+    findings += rules.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
-    measures = StudyMeasures(
-        runs=tuple(comparable),
-        function=function,
-        energy=energy[function],
-        state=state,
-        momentum=momentum,
-        residuals=residuals,
-        trusted=trusted,
-        nominal=nominal,
-        tolerance=tolerance,
-        unit=unit,
-        constrained=bool(mechanism.constraints),
-        until=None if compared.apart or compared.horizon >= compared.t[-1] else compared.horizon,
-        findings=tuple(ranked),
-    )
-    return Study(
+    result = Study(
         mechanism=mechanism,
-        solver=solver,
-        nominal=nominal,
+        solver=maker.name,
+        nominal=maker.order,
         runs=runs,
-        observed_order={**energy, "state": state},
+        observed_order=orders,
         momentum=momentum,
         residuals=residuals,
         comparison=compared,
         function=function,
-        measures=measures,
-        verdict=_of_a_part(judge_study(measures), omissions),
+        verdict=Verdict("unresolved", "low", (), tuple(ranked)),
         tolerance=tolerance,
+        trusted=trusted,
+        unit=unit,
         import_report=loaded.import_report,
     )
+    return replace(result, verdict=_of_a_part(rules.judge_study(result), omissions))
 
 
 def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:
@@ -328,9 +175,6 @@ def _kept(convergence: Convergence, scale: float) -> Convergence:
 def _none(convergence: Convergence) -> Convergence:
     """The same without an order."""
     return replace(convergence, trend="does not settle", order=None, order_error=None, steps=())
-
-
-# --- `study`: the same motion at several steps: integration error or wrong equations? ------------
 
 
 @checked

@@ -117,8 +117,9 @@ def blocks(samples: int, window: int, size: int) -> Iterator[Block]:
 
 def equidistant(t: Array) -> bool:
     """Whether times differ from equidistant ones by no more than their rounding."""
-    even = np.linspace(t[0], t[-1], len(t))
-    return bool(np.abs(t - even).max() <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
+    aside = np.linspace(t[0], t[-1], len(t))
+    aside -= t
+    return bool(max(aside.max(), -aside.min()) <= 2 * np.spacing(max(abs(t[0]), abs(t[-1]))))
 
 
 def clock(t: Array, *, even: bool | None = None) -> Array:

@@ -26,7 +26,7 @@ from deltac.energy.sampling.interpolation import (
     windows_of,
 )
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
-from deltac.kernels.kernel import AT_ONCE
+from deltac.kernels.kernel import BLOCK_STATES
 from deltac.kernels.parallel import cores, spread
 
 _INNER = float(np.sqrt(3.0 / 7.0))
@@ -35,7 +35,7 @@ INNER_WEIGHTS = (49 / 180, 32 / 90, 49 / 180)
 OUTER_WEIGHT = 1 / 20
 """Gauss–Lobatto rule with five nodes on [0, 1], exact to degree 7 (Abramowitz, Stegun 25.4.32)."""
 
-ORDERS = {2: 4, 4: 8}
+HERMITE_ORDERS = {2: 4, 4: 8}
 """Samples in a window of `hermite` -> order of the interpolation error in the spacing."""
 
 SAMPLED = 8
@@ -44,7 +44,7 @@ SAMPLED = 8
 TAPS = SAMPLED // 2 - 1
 """Samples of the window on either side of those of its interval."""
 
-ROWS_AT_ONCE = AT_ONCE // 2
+ROWS_AT_ONCE = BLOCK_STATES // 2
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
 THINNED = 5
@@ -53,7 +53,7 @@ THINNED = 5
 TWICE_THINNED = 2 * THINNED - 1
 """Samples of which every second ones can be thinned again."""
 
-NUMBERS = 1 << 15
+CACHED_NUMBERS = 1 << 15
 """Numbers of integrals, or of their bars, that are found at once: they stay in cache."""
 
 
@@ -80,7 +80,7 @@ def lagrange(samples: Samples, sampled: Array) -> Array:
 
 def _in_cache(values: Array) -> list[slice]:
     """The rows of (m, T) in parts whose numbers stay in cache."""
-    return _rows(values, max(1, NUMBERS // values.shape[1]))
+    return _rows(values, max(1, CACHED_NUMBERS // values.shape[1]))
 
 
 def _rows(values: Array, size: int) -> list[slice]:
@@ -310,7 +310,7 @@ def _chosen(
     def interpolated(window: int) -> _Rule:
         return _Rule(
             f"hermite {window}",
-            ORDERS[window],
+            HERMITE_ORDERS[window],
             window,
             lambda s, at: hermite(s, powers, at, window, rated),
         )

@@ -8,6 +8,7 @@ the interval h.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -24,10 +25,10 @@ from deltac.kernels.simd import LINE, aligned
 REACH = 4 * TAPS
 """Rows on either side that the sum over every fourth row reaches into."""
 
-AHEAD = SAMPLED // 2
+ROWS_AHEAD = SAMPLED // 2
 """Rows after one that windows on every second row see it through: its bar is that of these."""
 
-PIECES = (128, 8)
+CALL_ROWS = (128, 8)
 """Rows in a call: of most of a block, and of its rest."""
 
 LANES = LINE // np.dtype(np.float64).itemsize
@@ -83,7 +84,7 @@ def _running_kernel(rows: int) -> Kernel:
     most: list[SX] = []
     least: list[SX] = []
     last = s["error"]
-    for n in range(rows + AHEAD + 1):
+    for n in range(rows + ROWS_AHEAD + 1):
         if n % 2 == 0 and n:
             s["odd"] = s["odd"] + (at[n - 1] - at[n - 2])
             now = s["odd"] + at.error(n, 1)
@@ -96,7 +97,7 @@ def _running_kernel(rows: int) -> Kernel:
                     ca.fmin(s["least"], now),
                 )
                 last = now
-            if n >= AHEAD:
+            if n >= ROWS_AHEAD:
                 most.append(high)
                 least.append(low)
             if n == rows:
@@ -130,7 +131,7 @@ class Running:
         self._powers = aligned(rows + 2 * REACH + 1, lanes)
         self.powers = self._powers[:, :columns]
         cuts = [0]
-        for size in PIECES:
+        for size in CALL_ROWS:
             cuts += range(cuts[-1] + size, rows + 1, size)
         kernels = [_running_kernel(b - a) for a, b in pairwise(cuts)]
         self._found = aligned(sum(k.n_out for k in kernels), lanes)
@@ -161,12 +162,13 @@ class Running:
         whole = self._found[self._value[-1], : self.columns]
         return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}
 
-    def value(self, rows: NDArray[np.intp]) -> Array:
-        """∫ from the block's first row to others, and to the one after it (k, n)."""
-        return self._found[self._value[rows], : self.columns]
+    def value(self, rows: NDArray[np.intp] | slice, columns: Sequence[int] | None = None) -> Array:
+        """∫ from the block's first row to others, and to the one after it (k, n); of some columns alone."""
+        found = self._found[:, : self.columns] if columns is None else self._found[:, columns]
+        return found[self._value[rows]]
 
     def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Largest and least error so far (k, n), and `AHEAD`, of the rows of a block."""
+        """Largest and least error so far (k, n), and `ROWS_AHEAD`, of the rows of a block."""
         return (
             self._found[self._most[rows], : self.columns],
             self._found[self._least[rows], : self.columns],

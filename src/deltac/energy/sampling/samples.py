@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import clock, equidistant
 from deltac.energy.sampling.splines import spline_rates
-from deltac.kernels.kernel import AT_ONCE
+from deltac.kernels.kernel import BLOCK_STATES
 from deltac.kernels.parallel import spread
 
 Powers: TypeAlias = Callable[[Array, "Between"], Array]
@@ -118,8 +118,8 @@ def spline_rate(t: Array, y: Array) -> Array:
 
 def row_blocks(count: int) -> list[slice]:
     """Rows in blocks that stay in cache."""
-    starts = range(0, count, AT_ONCE)
-    return [slice(start, min(start + AT_ONCE, count)) for start in starts]
+    starts = range(0, count, BLOCK_STATES)
+    return [slice(start, min(start + BLOCK_STATES, count)) for start in starts]
 
 
 def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None = None) -> Array:

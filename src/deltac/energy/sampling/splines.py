@@ -17,7 +17,7 @@ from deltac.energy.sampling.interpolation import gauss_legendre
 T = TypeVar("T")
 
 
-SHORT, MANY = 1000, 64
+SHORT, REMEMBERED = 1000, 64
 """Rows of stretches that logs are tested by, and how many such are remembered: some 30 MB."""
 
 
@@ -44,7 +44,7 @@ def _applied(operator: Any, t: Array, x: Array, degree: int) -> Array:
 
 def _remembered(find: Callable[[bytes, int], T]) -> Callable[[int], Callable[[bytes, int], T]]:
     """What depends on the times of so many rows: a few are kept of long ones, many of short ones."""
-    few, many = lru_cache(maxsize=8)(find), lru_cache(maxsize=MANY)(find)
+    few, many = lru_cache(maxsize=8)(find), lru_cache(maxsize=REMEMBERED)(find)
     return lambda rows: many if rows <= SHORT else few if rows <= LONG_LOG else find
 
 

@@ -213,9 +213,6 @@ def insertions(
             words = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
             outside = 0.0 if isinstance(node, ast.BinOp) else 0.05
             yield edit(new, "term", 1.5 + p.cost + outside, words)
-    if term and factor:
-        for p in vocabulary.products(requirement, requirement.required, terms=True):
-            yield edit(f"{'-' if p.number < 0 else ''}{p.text}", "term", 2.0 + p.cost)
 
 
 def sums(
@@ -302,7 +299,7 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
     yield EditCandidate(program.source, requirement.place, text, "number", cost)
 
 
-FRACTIONS = tuple(
+PLAIN_FACTORS = tuple(
     sorted({Fraction(a, b) for a in range(1, 13) for b in (1, 2, 3, 4, 5, 6, 8, 12)}, key=float)
 )
 """Numbers that occur as factors in equations of motion."""
@@ -489,7 +486,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
         ratio = coefficient / table.values
         middle = ratio[:, 0]
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= HALF_DIGITS * np.abs(middle)
-        sizes = np.array([float(f) for f in FRACTIONS])
+        sizes = np.array([float(f) for f in PLAIN_FACTORS])
         place = np.clip(np.searchsorted(sizes, np.abs(middle)), 1, len(sizes) - 1)
         below, above = (
             np.abs(sizes[place - 1] - np.abs(middle)),
@@ -498,7 +495,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
         place = np.where(below < above, place - 1, place)
         near = np.abs(sizes[place] - np.abs(middle)) <= HALF_DIGITS * sizes[place]
     return [
-        (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
+        (PLAIN_FACTORS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
         for k in np.flatnonzero(same & near)
     ]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, parents
-from deltac.repair.tracing.library import FUNCTIONS, NotUnderstood, arrayed, flatten
+from deltac.repair.tracing.library import REPLACEMENTS, NotUnderstood, arrayed, flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
@@ -165,15 +165,15 @@ class TracedNames:
 
     # --- what an edit does to the tape ------------------------------------------------------------
 
-    def changes(self, candidate: EditCandidate) -> dict[int, TapeChange] | None:
-        """What an edit does to the tape: empty if it cannot be made, None if it must be traced again."""
+    def changes(self, candidate: EditCandidate) -> dict[int, TapeChange]:
+        """What an edit does to the tape; empty if it cannot be made, or the tape does not show it."""
         program, place = self.program, candidate.place
         tape, instances = program.tape, program.trace.instances.get(place, [])
         changes: dict[int, TapeChange] = {}
         if isinstance(candidate.new, ast.List | ast.Tuple):
             return self._exchanged(program.source.nodes[place], candidate.new)
-        if isinstance(candidate.new, str | ast.stmt) or not instances:
-            return None if not instances else self._updated(candidate)
+        if isinstance(candidate.new, str | ast.stmt):
+            return self._updated(candidate)
         for k, instance in enumerate(instances):
             shared = next((x.tape for x in flatten(instance.value) if isinstance(x, Slot)), None)
             if shared is None:
@@ -189,21 +189,18 @@ class TracedNames:
                         entry.index: shared.spliced(shared.slot(value), first, own)
                         for entry, value in zip(entries, flatten(new), strict=True)
                     }
-                except LookupError:
-                    return None
                 except (TapeBranch, InputError, TapeError, NotUnderstood, ArithmeticError, AttributeError,
-                        TypeError, ValueError):  # fmt: skip
+                        LookupError, TypeError, ValueError):  # fmt: skip
                     return {}
             for index, change in replacements.items():
-                if tape.nodes[index] != place:
-                    return None  # an array that only its name stands for
-                if max(change.inputs, default=-1) > index:
+                # An array that only its name stands for is none of this node's.
+                if tape.nodes[index] != place or max(change.inputs, default=-1) > index:
                     return {}
                 if (index,) != change.inputs:
                     changes[index] = change
         return changes
 
-    def _exchanged(self, node: ast.AST, new: ast.List | ast.Tuple) -> dict[int, TapeChange] | None:
+    def _exchanged(self, node: ast.AST, new: ast.List | ast.Tuple) -> dict[int, TapeChange]:
         """Elements of a list take each other's values, computed anew from what stands before both."""
         tape, number = self.program.tape, self.program.source.number
 
@@ -219,7 +216,7 @@ class TracedNames:
                     isinstance(x, Slot) and tape.nodes[x.index] == number[id(old)] for x in before
                 )
                 if not before or len(before) != len(after) or not own:
-                    return None
+                    return {}
                 pairs += zip(before, after)
         first = min((slot.index for slot, _ in pairs), default=0)
         anew = range(first, len(tape))
@@ -227,10 +224,10 @@ class TracedNames:
             slot.index: tape.spliced(tape.slot(value), len(tape), anew) for slot, value in pairs
         }
 
-    def _updated(self, candidate: EditCandidate) -> dict[int, TapeChange] | None:
+    def _updated(self, candidate: EditCandidate) -> dict[int, TapeChange]:
         """An update x += y by another operator, on the numbers that it had."""
         if not isinstance(candidate.new, ast.AugAssign):
-            return None
+            return {}
         tape, operation = self.program.tape, BINARY[type(candidate.new.op).__name__]
         slots = [
             slot.index
@@ -264,7 +261,7 @@ class TracedNames:
                 return value(tree.value).T
             case ast.Call(keywords=[]):
                 name = ast.unparse(tree.func).rpartition(".")[2]
-                return FUNCTIONS[name](*map(value, tree.args))
+                return REPLACEMENTS[name](*map(value, tree.args))
         raise LookupError
 
 

@@ -36,11 +36,11 @@ Residual: TypeAlias = Callable[[Array], Array]
 class Requirement:
     """The value that a node must have.
 
-    value     what it is, (B,)
-    required  what it must be, (B,)
-    rows      the equations that it acts on, (n,) of bool
-    whole     whether all equations are right then; else only those of `rows`
-    unique    whether there is no other such value
+    value       what it is, (B,)
+    required    what it must be, (B,)
+    rows        the equations that it acts on, (n,) of bool
+    sufficient  whether all equations are right then; else only those of `rows`
+    unique      whether there is no other such value
     """
 
     place: int
@@ -48,7 +48,7 @@ class Requirement:
     value: Array
     required: Array
     rows: tuple[bool, ...]
-    whole: bool
+    sufficient: bool
     unique: bool
 
 
@@ -95,7 +95,9 @@ class Requirements:
         common = not any(self.program.tape.varying[k] for k in own)
         with np.errstate(all="ignore"):
             requirement = self._solve(place, own[0], common, scaled=True)
-        return requirement if isinstance(requirement, Requirement) and requirement.whole else None
+        return (
+            requirement if isinstance(requirement, Requirement) and requirement.sufficient else None
+        )
 
     def _solve(
         self, place: int, slot: int, common: bool, only: int | None = None, scaled: bool = False
@@ -154,11 +156,11 @@ class Requirements:
         if not solved.all():
             return None
         after = residual(x)
-        whole = bool(np.abs(after).max() < RIGHT)
-        if not whole and rows.all() and only is None:
+        sufficient = bool(np.abs(after).max() < RIGHT)
+        if not sufficient and rows.all() and only is None:
             return False
         unique = straight or common
-        return Requirement(place, slot, start, x, tuple(map(bool, rows)), whole, unique)
+        return Requirement(place, slot, start, x, tuple(map(bool, rows)), sufficient, unique)
 
     def _divided(
         self,

@@ -8,7 +8,7 @@ import time
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.names import TextNames, valued
-from deltac.repair.edits.single import additions, edits, structure
+from deltac.repair.edits.single import additions, edits
 from deltac.repair.sandbox import module_for, sandbox, task
 from deltac.repair.tracing.samples import StateSamples
 from deltac.repair.tracing.source import Source
@@ -61,7 +61,6 @@ def _text_edits(source: Source) -> list[EditCandidate]:
             place = source.number.get(id(node))
             if place is None or not isinstance(node, ast.expr | ast.stmt):
                 continue
-            candidates += structure(source, place, names)
             if isinstance(node, ast.AugAssign) or valued(source, place):
                 candidates += edits(source, place, names)
                 candidates += additions(source, place, names)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,22 +15,18 @@ from numpy.typing import NDArray
 from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import FEWEST_STATES, Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
-from deltac.repair.edits.single import additions, edits, structure
+from deltac.repair.edits.single import additions, edits
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.tracing.program import Program, at, reading
+from deltac.repair.tracing.program import Program, at
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
-from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-FAIR_COST = 1.7
-"""With an edit as simple as this in hand, none is looked for by tracing the text again."""
 
 MODELLED = 0.5
 """What it costs to change a number that is one of the model's parameters."""
@@ -39,7 +34,7 @@ MODELLED = 0.5
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
-Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
+EditKind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 
 @dataclass(eq=False, repr=False)
@@ -54,8 +49,6 @@ class EditSearch:
         self.names = TracedNames(self.program)
         self.vocabulary = Vocabulary(self.program, self.names)
         self.requirements = Requirements(self.program)
-        self.untraced: list[EditCandidate] = []
-        """Edits whose effect the tape does not show."""
 
     def require(self) -> None:
         """Find what each expression must be."""
@@ -65,13 +58,13 @@ class EditSearch:
             self.requirements.find(place)
 
     @property
-    def whole(self) -> list[Requirement]:
+    def sufficient(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
-        return [r for r in self.requirements.solved.values() if r.whole]
+        return [r for r in self.requirements.solved.values() if r.sufficient]
 
     def single(self) -> list[EditCandidate]:
         """Single edits that seem to make the function right, cheapest first."""
-        right = [c for r in self.whole for c in self.edits(r)]
+        right = [c for r in self.sufficient for c in self.edits(r)]
         numbers = self.program.numbers
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
@@ -81,9 +74,7 @@ class EditSearch:
             right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
-            right += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
-        if not any(c.cost <= FAIR_COST for c in right):
-            right += self.traced_again()
+            right += [c for r in self.sufficient for c in sums(self.program, r, self.vocabulary)]
         if not right:
             right += self.passing(undecided, additions)
         return sorted(right, key=_plainness)
@@ -121,9 +112,9 @@ class EditSearch:
         return bool(np.abs(x - r.required).max() <= 1e-7 * size)
 
     def tried(
-        self, places: Iterable[int], kind: Kind
+        self, places: Iterable[int], kind: EditKind
     ) -> Iterator[tuple[EditCandidate, Mapping[int, TapeChange]]]:
-        """Edits of some nodes with what they do to the tape; those that it does not show are `untraced`."""
+        """Edits of some nodes with what they do to the tape, where it shows that."""
         for place in places:
             for candidate in kind(self.program.source, place, self.names):
                 if time.monotonic() > self.deadline:
@@ -131,10 +122,8 @@ class EditSearch:
                 changes = self.names.changes(candidate)
                 if changes:
                     yield candidate, changes
-                elif changes is None:
-                    self.untraced.append(candidate)
 
-    def passing(self, places: Iterable[int], kind: Kind) -> list[EditCandidate]:
+    def passing(self, places: Iterable[int], kind: EditKind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
         return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
 
@@ -148,45 +137,6 @@ class EditSearch:
             if requirement is not None:
                 right += scalings(self.program, requirement, self.vocabulary)
         return right
-
-    def traced_again(self) -> list[EditCandidate]:
-        """Edits that the tape does not show, of all statements that the function evaluates."""
-        source = self.program.source
-        statements = {id(source.statement(place)) for place in self.program.trace.instances}
-        heads = (ast.For, ast.If, ast.While, ast.With)
-        for place, node in enumerate(source.nodes):
-            if not isinstance(node, ast.expr | ast.stmt) or not hasattr(node, "lineno"):
-                continue
-            statement = source.statement(place)
-            inner = ast.walk(statement) if isinstance(statement, heads) else ()
-            if id(statement) in statements or any(id(n) in statements for n in inner):
-                self.untraced += structure(source, place, self.names)
-        right: list[EditCandidate] = []
-        # To trace an operation takes a hundred times as long as to run it.
-        most = OPERATIONS // 100 // len(self.program.tape)
-        texts: set[tuple[int, str]] = set()
-        for candidate in sorted(self.untraced, key=lambda c: c.cost):
-            late = time.monotonic() > self.deadline
-            if late or len(right) >= SHOWN or len(texts) > most:
-                break
-            key = candidate.place, candidate.text
-            if key not in texts and self._right(candidate):
-                right.append(candidate)
-            texts.add(key)
-        self.untraced.clear()
-        return right
-
-    def _right(self, candidate: EditCandidate) -> bool:
-        """Whether a candidate that the tape cannot show is right: the text is traced again."""
-        changed = apply(self.program.source, [candidate])
-        if changed is None:
-            return False
-        samples = self.target.samples()
-        try:
-            few = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
-            return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
-        except InputError:
-            return False
 
 
 def confirmed(
@@ -207,7 +157,7 @@ def confirmed(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class First:
+class FirstEdit:
     """An edit that may be one of two: what it does to the residual (n, B), by which changes of the tape."""
 
     candidate: EditCandidate
@@ -223,26 +173,26 @@ def pairs(
     `plain`: those only that are found without a second search.
     """
     rows = unsolved_form(search.program)
-    ways = [search]
+    searches = [search]
     if rows is not None:
-        ways.insert(0, EditSearch(rows, search.target, search.deadline))
+        searches.insert(0, EditSearch(rows, search.target, search.deadline))
     pools = []
-    for way in ways:
-        pools.append(_pool(way))
-        yield _adding_up(way, pools[-1])
+    for one in searches:
+        pools.append(_first_edits(one))
+        yield _adding_up(one, pools[-1])
     if plain:
         return
-    for way, pool in zip(ways, pools):
-        pool += _closing(way)
-        yield _adding_up(way, pool)
-        yield _followed(way, pool)
+    for one, pool in zip(searches, pools):
+        pool += _row_closings(one)
+        yield _adding_up(one, pool)
+        yield _followed(one, pool)
 
 
-def _pool(search: EditSearch) -> list[First]:
+def _first_edits(search: EditSearch) -> list[FirstEdit]:
     """All edits of one node that put something else in its place, or a name beside it."""
     program = search.program
     base = program.original_residual
-    pool: list[First] = []
+    pool: list[FirstEdit] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
     trials = itertools.chain(
@@ -252,12 +202,12 @@ def _pool(search: EditSearch) -> list[First]:
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
         if np.isfinite(size) and size > RIGHT:
-            pool.append(First(candidate, effect, changes))
+            pool.append(FirstEdit(candidate, effect, changes))
     return pool
 
 
 def _adding_up(
-    search: EditSearch, pool: list[First]
+    search: EditSearch, pool: list[FirstEdit]
 ) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """Two edits whose effects on the residual add up to what is needed.
 
@@ -287,10 +237,10 @@ def _adding_up(
     yield from matches
 
 
-def _closing(search: EditSearch) -> list[First]:
+def _row_closings(search: EditSearch) -> list[FirstEdit]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
-    firsts: list[First] = []
+    firsts: list[FirstEdit] = []
     right = np.abs(program.original_residual).max(axis=1) < RIGHT
     closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
     for place, row in itertools.islice(closings, _turns(program, EDIT_ITERATIONS)):
@@ -302,7 +252,7 @@ def _closing(search: EditSearch) -> list[First]:
             effect = program.residual(changes) - program.original_residual
             terms = insertions(program, r, search.vocabulary)
             candidates = list(terms) or sums(program, r, search.vocabulary)
-            firsts += [First(candidate, effect, changes) for candidate in candidates]
+            firsts += [FirstEdit(candidate, effect, changes) for candidate in candidates]
     return firsts
 
 
@@ -312,7 +262,7 @@ def _turns(program: Program, runs: int) -> int:
 
 
 def _followed(
-    search: EditSearch, firsts: list[First]
+    search: EditSearch, firsts: list[FirstEdit]
 ) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """A first edit, and a second one of an expression that may have caused all that the first leaves.
 
@@ -331,7 +281,7 @@ def _followed(
     for first in itertools.islice(likely, _turns(program, len(program.numbers))):
         if time.monotonic() > search.deadline:
             return
-        for second in _seconds(search, program.changed(first.changes)):
+        for second in _second_edits(search, program.changed(first.changes)):
             yield first.candidate, second
 
 
@@ -364,10 +314,10 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(rest.max(axis=1)) < SIX_DIGITS * np.abs(residual).max())
 
 
-def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
+def _second_edits(search: EditSearch, program: Program) -> list[EditCandidate]:
     """Edits of expressions that may have caused all that is wrong with a program after a first edit."""
     then = EditSearch(program, search.target, search.deadline)
     places, along = _directions(program)
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
-    return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
+    return sorted((c for r in then.sufficient for c in then.edits(r)), key=_plainness)

@@ -2,15 +2,14 @@
 
 One list for functions that are traced and for those that can only be run: signs, operators, functions,
 powers, numbers, names, indices; matrices transposed or inverted; parentheses elsewhere; arguments exchanged.
-Whether an edit is right is seen on the tape where its tree has a value there, else by tracing or running the
-text again.
+Whether an edit is right is seen on the tape; of functions that are not traced, by running the text again.
 """
 
 from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import TypeAlias
 
@@ -44,15 +43,12 @@ FAMILIES = (
 
 NOT_IN_MATH = ("square", "abs", "sign")
 
-OPERATORS: dict[type[ast.operator], str] = {
+SYMBOLS: dict[type[ast.operator], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**",
 }  # fmt: skip
 
-SHOWN = {"+": "+", "-": "−"}
+SIGNS = {"+": "+", "-": "−"}
 
-
-INDEX_DISTANCE = 3
-"""How far from an index others are tried."""
 
 Edits: TypeAlias = Iterator[EditCandidate]
 
@@ -99,27 +95,6 @@ def edits(source: Source, place: int, names: Names) -> Edits:
         yield from _arrays(source, place, node, names)
 
 
-def structure(source: Source, place: int, names: Names) -> Edits:
-    """Edits of a node that no tape shows: of indices, bounds, conditions, assignments, lists, calls."""
-    node = source.nodes[place]
-    match node:
-        case ast.Assign(targets=[ast.Name() | ast.Subscript() | ast.Attribute() as target]):
-            for op in (ast.Add(), ast.Sub()):
-                new = ast.AugAssign(target, op, node.value)
-                name = source.segment(target)
-                words = f"{name} = should be {name} {_symbol(op)}="
-                yield EditCandidate(source, place, new, "operator", 1.1, words)
-        case ast.AugAssign():
-            name, value = source.segment(node.target), source.segment(node.value)
-            for text in (f"{name} = {value}", f"{name} = -({value})"):
-                words = f"{name} is added to, and should be set: {text}"
-                yield EditCandidate(source, place, text, "operator", 1.15, words)
-        case ast.Subscript():
-            yield from _subscripts(source, place, node, names)
-        case ast.Tuple(ctx=ast.Store()) | ast.List(ctx=ast.Store()):
-            yield from _exchanges(source, place, node)
-
-
 def additions(source: Source, place: int, names: Names) -> Edits:
     """What is forgotten beside a node: a name as a factor, a divisor or a term."""
     node = source.nodes[place]
@@ -148,7 +123,7 @@ def additions(source: Source, place: int, names: Names) -> Edits:
 
 
 def _symbol(op: ast.operator) -> str:
-    return OPERATORS.get(type(op), "")
+    return SYMBOLS.get(type(op), "")
 
 
 def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
@@ -174,7 +149,7 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
             yield edit(ast.BinOp(node.left, op, node.right), kind, 1.0, words)
     if symbol in "-/":
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
-    part = "term" if symbol in SHOWN else "factor"
+    part = "term" if symbol in SIGNS else "factor"
     noun = "exponent" if symbol == "**" else part
     yield edit(node.left, part, 1.3, f"the {noun} {right} should not be there")
     if symbol == "-":
@@ -197,11 +172,11 @@ def _other_operators(
 ) -> Iterator[tuple[ast.operator, str, str]]:
     """What may stand for an operator before a value: the kind of the edit, and the edit in words."""
     symbol = _symbol(op)
-    for kind, other in OPERATORS.items():
+    for kind, other in SYMBOLS.items():
         if symbol in ("", other):
             continue
-        if symbol in SHOWN and other in SHOWN:
-            yield kind(), "sign", f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
+        if symbol in SIGNS and other in SIGNS:
+            yield kind(), "sign", f"{value} enters with {SIGNS[symbol]}, should be {SIGNS[other]}"
         else:
             yield kind(), "operator", f"{own}: {symbol} should be {other}"
 
@@ -313,84 +288,3 @@ def _inverse(source: Source) -> ast.expr | None:
         if isinstance(node, ast.Attribute) and node.attr in ("inv", "solve"):
             return ast.Attribute(node.value, "inv", ast.Load())
     return None
-
-
-# --- indices and bounds ---------------------------------------------------------------------------
-
-
-def _subscripts(source: Source, place: int, node: ast.Subscript, names: Names) -> Edits:
-    """The same part of other arrays, other slices, other indices, other variables of loops in them."""
-    edit = partial(EditCandidate, source, place)
-    base, own, counters = source.segment(node.value), source.segment(node), _counters(source, place)
-    arrays = names.arrays(place)
-    bases = [t for t, shape in arrays.items() if t != base and arrays.get(base) == shape]
-    texts = [text + own[len(base) :] for text in bases if names.shape(place)]
-    if isinstance(node.slice, ast.Slice | ast.Tuple):  # other slices of the same array
-        texts += [
-            source.segment(other)
-            for other in source.nodes
-            if isinstance(other, ast.Subscript)
-            and isinstance(other.slice, ast.Slice | ast.Tuple)
-            and source.segment(other.value) == base
-        ]
-    for text in dict.fromkeys(texts):
-        if text != own:
-            yield edit(text, "index", 1.05)
-    for part in _index_parts(node.slice):
-        for text in _other_indices(part, counters):
-            replacement = ast.parse(text, mode="eval").body
-            new = ast.Subscript(node.value, _replaced(node.slice, part, replacement), ast.Load())
-            plain = isinstance(replacement, ast.Constant) == isinstance(part, ast.Constant)
-            cost = (1.0 if plain else 1.15) + 0.1 * isinstance(replacement, ast.BinOp)
-            yield edit(new, "index", cost)
-
-
-def _index_parts(node: ast.expr) -> Iterator[ast.expr]:
-    """The parts of an index: single ones, and the ends of slices."""
-    for part in node.elts if isinstance(node, ast.Tuple) else [node]:
-        if isinstance(part, ast.Slice):
-            yield from (end for end in (part.lower, part.upper) if end is not None)
-        elif not (isinstance(part, ast.Constant) and not isinstance(part.value, int)):
-            yield part
-
-
-def _other_indices(part: ast.expr, counters: Sequence[str]) -> Sequence[str]:
-    own = ast.unparse(part)
-    texts: list[str] = []
-    if isinstance(part, ast.Constant) and isinstance(part.value, int):
-        texts += [
-            str(k)
-            for k in range(max(part.value - INDEX_DISTANCE, 0), part.value + INDEX_DISTANCE + 1)
-        ]
-    for name in counters:
-        texts += [name, f"{name} + 1", f"{name} - 1"]
-    if isinstance(part, ast.Name | ast.BinOp):
-        texts += [f"{own} + 1", f"{own} - 1"]
-        if isinstance(part, ast.BinOp):
-            texts.append(ast.unparse(part.left))
-    return [text for text in dict.fromkeys(texts) if text != own]
-
-
-def _replaced(tree: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
-    """An index with one of its parts replaced."""
-    match tree:
-        case _ if tree is part:
-            return new
-        case ast.Tuple():
-            return ast.Tuple([_replaced(e, part, new) for e in tree.elts], tree.ctx)
-        case ast.Slice():
-            ends = (e and _replaced(e, part, new) for e in (tree.lower, tree.upper, tree.step))
-            return ast.Slice(*ends)
-    return tree
-
-
-def _counters(source: Source, place: int) -> Sequence[str]:
-    """Variables of the loops and comprehensions around a node."""
-    targets: list[ast.expr] = []
-    for node in parents(source, place):
-        if isinstance(node, ast.For):
-            targets.append(node.target)
-        elif isinstance(node, ast.ListComp | ast.GeneratorExp):
-            targets += [g.target for g in node.generators]
-    names = [n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)]
-    return list(dict.fromkeys(names))

@@ -22,7 +22,7 @@ from deltac.repair.tracing.tape import TapeChange, identity
 LINEAR = ROOT_EPS
 """Relative departure from linearity that is rounding."""
 
-MOST_SETS = 100_000
+SETS_OF_SLOTS = 100_000
 """Sets of slots that are looked at, of the earliest ones."""
 
 WORST = 1.0 / ROOT_EPS
@@ -107,7 +107,7 @@ def _forces(program: Program) -> Iterator[tuple[int, ...]]:
         if straight and np.abs(part).max() > LINEAR * size:
             slots.append(k)
             parts.append(part.ravel())
-        if math.comb(len(slots) + 1, n) > MOST_SETS:
+        if math.comb(len(slots) + 1, n) > SETS_OF_SLOTS:
             break
     if len(slots) < n:
         return

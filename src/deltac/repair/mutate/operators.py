@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from deltac.results import Serialisable
 
-KINDS: dict[str, str] = {
+MUTANT_KINDS: dict[str, str] = {
     "operator": "arithmetic operator replaced (AOR)",
     "sign": "unary minus inserted or deleted (UOI, UOD)",
     "name": "variable replaced by another in scope (SVR)",

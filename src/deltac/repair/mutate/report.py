@@ -25,7 +25,7 @@ from deltac.errors import FileError, InputError, LimitError, SourceError, Unknow
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.edits.running import RUN_TIME
-from deltac.repair.mutate.operators import KINDS, Mutant, mutants
+from deltac.repair.mutate.operators import MUTANT_KINDS, Mutant, mutants
 from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
@@ -34,7 +34,7 @@ from deltac.simulation import Equations, RightHandSide
 
 SUITE = "your tests"
 
-RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
+RESIDUAL, MOMENTUM_TEST, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
 
 REASONS = {
     "equivalent": "the same equations, written otherwise",
@@ -96,7 +96,7 @@ class MutationReport(Report, also=("counts",)):
     def counts(self) -> dict[str, dict[str, int]]:
         """For each kind of mutant: how many, how many are no mistakes, and how many each test sees."""
         rows: dict[str, dict[str, int]] = {}
-        for kind in (*KINDS, "all"):
+        for kind in (*MUTANT_KINDS, "all"):
             some = [t for t in self.trials if kind in (t.mutant.kind, "all")]
             if some:
                 wrong = [t for t in some if t.reason != "equivalent"]
@@ -259,7 +259,7 @@ def _blank(target: Target) -> dict[str, float]:
     test = target.test()
     tests = dict.fromkeys(test.powers(test.acceleration), np.inf)
     if test.momenta(test.acceleration):
-        tests[MOMENTUM] = np.inf
+        tests[MOMENTUM_TEST] = np.inf
     if len(test.gamma):
         tests[CONSTRAINTS] = np.inf
     tests[RESIDUAL] = np.inf
@@ -281,8 +281,8 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
         return MutantTrial(mutant, sizes)
     residuals = test(udot)
     sizes |= {name: float(x.max()) for name, x in residuals.power.items()}
-    if MOMENTUM in sizes:
-        sizes[MOMENTUM] = max(float(x.max()) for x in residuals.momentum.values())
+    if MOMENTUM_TEST in sizes:
+        sizes[MOMENTUM_TEST] = max(float(x.max()) for x in residuals.momentum.values())
     if CONSTRAINTS in sizes:
         sizes[CONSTRAINTS] = float(residuals.violation.max(initial=0.0))
     sizes[RESIDUAL] = samples.wrong(result)
@@ -305,21 +305,21 @@ def _reason(
         except InputError:
             same = False
         return "equivalent" if same else "coincidence"
-    powers = [v for k, v in sizes.items() if k not in (RESIDUAL, MOMENTUM, CONSTRAINTS)]
+    powers = [v for k, v in sizes.items() if k not in (RESIDUAL, MOMENTUM_TEST, CONSTRAINTS)]
     return "workless" if max(powers, default=np.inf) < RIGHT else ""
 
 
 # --- the user's own tests, run on mutants --------------------------------------------------------
 
 
-LARGEST = 200 * 1024**2
+LARGEST_PROJECT = 200 * 1024**2
 """Bytes of a project that is copied."""
 
-LEFT_OUT = tuple(
+NOT_COPIED = tuple(
     ".git .hg .venv venv node_modules __pycache__ .mypy_cache .ruff_cache .tox .pytest_cache".split()
 )
 
-MARKS = (".git", ".hg", "pyproject.toml", "setup.py", "setup.cfg", "tox.ini", "pytest.ini")
+PROJECT_MARKS = (".git", ".hg", "pyproject.toml", "setup.py", "setup.cfg", "tox.ini", "pytest.ini")
 """What stands in the root of a project."""
 
 
@@ -368,17 +368,19 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
             f"tests {command!r}: no such command; expected one such as 'pytest tests/'"
         )
     path = file.resolve()
-    root = next((p for p in path.parents if any((p / m).exists() for m in MARKS)), path.parent)
+    root = next(
+        (p for p in path.parents if any((p / m).exists() for m in PROJECT_MARKS)), path.parent
+    )
     size = sum(p.stat().st_size for p in _files(root))
-    if size > LARGEST:
+    if size > LARGEST_PROJECT:
         raise LimitError(
-            f"the project {root} has {size / 1024**2:.0f} MB, more than are copied ({LARGEST // 1024**2}); "
-            "run the command where the equations and their tests are alone"
+            f"the project {root} has {size / 1024**2:.0f} MB, more than the {LARGEST_PROJECT // 1024**2} "
+            "that are copied; run the command where the equations and their tests are alone"
         )
     folder = Path.cwd().resolve()
     with tempfile.TemporaryDirectory(prefix="deltac-mutate-") as name:
         copy = Path(name).resolve() / root.name
-        shutil.copytree(root, copy, ignore=shutil.ignore_patterns(*LEFT_OUT), symlinks=True)
+        shutil.copytree(root, copy, ignore=shutil.ignore_patterns(*NOT_COPIED), symlinks=True)
         folder = copy / folder.relative_to(root) if folder.is_relative_to(root) else copy
         suite = Suite(words, folder, copy / path.relative_to(root), _environment(root, copy))
         text = path.read_text(encoding="utf-8")
@@ -399,7 +401,7 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
 
 def _files(root: Path) -> Iterator[Path]:
     for folder, inner, files in os.walk(root):
-        inner[:] = [name for name in inner if name not in LEFT_OUT]
+        inner[:] = [name for name in inner if name not in NOT_COPIED]
         yield from (p for p in (Path(folder) / name for name in files) if p.is_file())
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from deltac.repair.tracing.tape import (
     ELEMENTARY,
-    NUMBERS,
+    NUMBER_TYPES,
     Operation,
     Slot,
     Solve,
@@ -59,15 +59,15 @@ class Library:
         if name.startswith("__"):
             raise AttributeError(name)
         inner = f"{self.__name}.{name}"
-        if inner in ALIKE:
+        if inner in NUMPY_LIKE:
             return Library(inner)
-        sources = (FUNCTIONS.get(name), getattr(np, name, None), getattr(np.linalg, name, None))
+        sources = (REPLACEMENTS.get(name), getattr(np, name, None), getattr(np.linalg, name, None))
         return next(
             (f for f in sources if f is not None), None if name == "newaxis" else Foreign(inner)
         )
 
 
-ALIKE = {
+NUMPY_LIKE = {
     "jax", "jax.numpy", "jax.numpy.linalg", "autograd", "autograd.numpy", "autograd.numpy.linalg",
 }  # fmt: skip
 """Libraries whose functions of NumPy's names do what NumPy's do."""
@@ -101,7 +101,7 @@ class LibraryNumber(float):
 
 def library(name: str) -> Any:
     """A library by its dotted name, to be used as the module; None for what is none."""
-    if name in ALIKE:
+    if name in NUMPY_LIKE:
         return Library(name)
     root = name.partition(".")[0]
     if root in IMPORTED:
@@ -127,7 +127,7 @@ def known(function: Any) -> Callable[..., Any] | None:
         return {"min": least("minimum"), "max": least("maximum")}.get(name)
     if root not in ("numpy", "math", "cmath", "scipy"):
         return None
-    return FUNCTIONS.get(name) or (_numbers(function) if root == "numpy" else None)
+    return REPLACEMENTS.get(name) or (_numbers(function) if root == "numpy" else None)
 
 
 def tape_of(values: Any) -> Any:
@@ -159,7 +159,7 @@ def applied(operation: Operation, *arguments: Any) -> Any:
         tape = next((x.tape for x in entries if isinstance(x, Slot)), None)
         if tape is not None:
             return tape.record(operation, *entries)
-        if not all(isinstance(x, NUMBERS) for x in entries):
+        if not all(isinstance(x, NUMBER_TYPES) for x in entries):
             raise NotUnderstood(f"arithmetic with {type(entries[0]).__name__}")
         return operation(*entries)
 
@@ -171,7 +171,7 @@ def applied(operation: Operation, *arguments: Any) -> Any:
 
 def _ufunc(function: np.ufunc, name: str, *arguments: Any, **named: Any) -> Any:
     """np.subtract.outer and its like."""
-    own = FUNCTIONS.get(function.__name__)
+    own = REPLACEMENTS.get(function.__name__)
     if name != "outer" or not isinstance(own, Elementary):
         raise NotUnderstood(f"calls {function.__name__}.{name}")
     a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
@@ -377,7 +377,7 @@ def _sequence(value: Any) -> Any:
     return arrayed(value)
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
+REPLACEMENTS: dict[str, Callable[..., Any]] = {
     **{name: Elementary(name) for name in ELEMENTARY},
     **{
         f"{name}{like}": _made(fill, bool(like))

@@ -20,7 +20,7 @@ from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, i
 from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
 from deltac.simulation import StateForm, candidate_forms, likeliest
 
-PLAIN = 12
+PLAIN_COUNTS = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""
 
 
@@ -313,7 +313,7 @@ def named_parameters(
         for name, value in own.items():
             # A name of another parameter with this one's value is a mistake, no other name for it.
             known_name = name in model or _bare(name) in bare
-            if known_name or (value.is_integer() and abs(value) <= PLAIN):
+            if known_name or (value.is_integer() and abs(value) <= PLAIN_COUNTS):
                 continue
             alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
             twins = [n for n, v in own.items() if abs(v - value) <= SAME * abs(v)]

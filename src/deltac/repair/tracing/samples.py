@@ -15,10 +15,10 @@ from deltac.diagnosis import EquationTest, Kane, draw, in_user_coordinates
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State
 
-NOMINAL, VARIED, SETS = 16, 8, 2
+NOMINAL, VARIED, VALUE_SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""
 
-SPREADS = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99, 1.01))
+VALUE_RANGES = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99, 1.01))
 """Ranges of factors for other sets of values, tried in turn."""
 
 
@@ -137,21 +137,21 @@ class Target:
         own = self.mechanism.parameters
         if group == 0:
             return {name: own[name] for name in varied}
-        for attempt, (low, high) in enumerate(SPREADS):
+        for attempt, (low, high) in enumerate(VALUE_RANGES):
             draw = np.random.default_rng([self.seed, group, attempt])
             factors = draw.uniform(low, high, len(varied))
             values = {name: own[name] * float(f) for name, f in zip(varied, factors)}
             try:
                 self.mechanism.with_parameters(**values)
             except InputError:
-                if attempt + 1 == len(SPREADS):
+                if attempt + 1 == len(VALUE_RANGES):
                     raise
             else:
                 return values
         raise AssertionError
 
     def _draw(self, varied: tuple[str, ...], fresh: bool) -> StateSamples:
-        groups = range(SETS + 1 if varied else 1)
+        groups = range(VALUE_SETS + 1 if varied else 1)
         tests = [self.test(k, fresh, varied) for k in groups]
         sizes = [len(test.states) for test in tests]
         values = [self.values(k, varied) for k in groups]

@@ -19,7 +19,7 @@ from deltac.arrays import Array
 
 Operation: TypeAlias = Callable[..., Any]
 
-LIMIT = 60_000
+MOST_OPERATIONS = 60_000
 """Operations that a function may have."""
 
 
@@ -166,8 +166,10 @@ class Tape:
         exact: Any,
         varying: bool,
     ) -> Slot:
-        if len(self.operations) >= LIMIT:
-            raise TapeError(f"more than {LIMIT} operations: is there a loop that does not end?")
+        if len(self.operations) >= MOST_OPERATIONS:
+            raise TapeError(
+                f"more than {MOST_OPERATIONS} operations: is there a loop that does not end?"
+            )
         self.operations.append(operation)
         self.inputs.append(slots)
         self.nodes.append(self.node)
@@ -366,21 +368,21 @@ class Slot:
     copy = squeeze = ravel = flatten = astype = reshape = sum = evalf = item
 
 
-NUMBERS = (Slot, bool, int, float, np.generic)
+NUMBER_TYPES = (Slot, bool, int, float, np.generic)
 
 
 def _binary(operation: Operation) -> tuple[Operation, Operation]:
     def forward(self: Slot, other: Any) -> Any:
         return (
             self.tape.record(operation, self, other)
-            if isinstance(other, NUMBERS)
+            if isinstance(other, NUMBER_TYPES)
             else NotImplemented
         )
 
     def reflected(self: Slot, other: Any) -> Any:
         return (
             self.tape.record(operation, other, self)
-            if isinstance(other, NUMBERS)
+            if isinstance(other, NUMBER_TYPES)
             else NotImplemented
         )
 

@@ -35,14 +35,14 @@ from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
 from deltac.repair.tracing.tape import (
     COMPARISONS,
-    LIMIT,
+    MOST_OPERATIONS,
     Slot,
     Tape,
     TapeBranch,
     TapeError,
     identity,
 )
-from deltac.simulation import PLAIN
+from deltac.simulation import PLAIN_FORM
 
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""
@@ -259,7 +259,7 @@ class _Tracer:
         slots = [self.tape.given(row) for row in (t, *q, *u)]
         nq, nu = len(q), len(u)
         self.result.inputs = tuple(slot.index for slot in slots)
-        form = self.source.form or PLAIN
+        form = self.source.form or PLAIN_FORM
         arguments = form.given(
             slots[0],
             objects(slots[1 : 1 + nq]),
@@ -610,8 +610,10 @@ class _Hooks:
     def turn(self) -> None:
         """One turn of a loop."""
         self.tracer.turns += 1
-        if self.tracer.turns > LIMIT:
-            raise Endless(f"{self.of.name}: a loop that has not ended after {LIMIT} turns")
+        if self.tracer.turns > MOST_OPERATIONS:
+            raise Endless(
+                f"{self.of.name}: a loop that has not ended after {MOST_OPERATIONS} turns"
+            )
 
     def item(self, place: int, value: Any) -> None:
         """What a loop's variables hold in a turn."""

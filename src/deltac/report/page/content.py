@@ -83,7 +83,7 @@ UNDECIDED = {
 }
 """The meaning of a kind where the others do not stand beside it."""
 
-WORDS = {
+VERDICT_WORDS = {
     "consistent": "Consistent",
     "integration-error": "Integration error",
     "equation-error": "Equation error",
@@ -187,8 +187,8 @@ def _(report: Study, context: Beside) -> Page:
     finest = usable[-1]
     assert finest.ledger is not None and finest.run is not None
     state = report.observed_order["state"]
-    knob = "step" if report.measures.unit else "tolerance"
-    runs = [(named(e, report.measures.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
+    knob = report.knob
+    runs = [(named(e, report.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
     order = () if state.order is None else (("observed order of the motion", order_text(state)),)
     nominal = () if report.nominal is None else (("the solver's order", str(report.nominal)),)
     return Page(
@@ -197,7 +197,7 @@ def _(report: Study, context: Beside) -> Page:
         f"{report.solver} at {len(report.runs)} {knob}s.",
         **_verdict(report),
         numbers=(
-            (f"|ΔC| at the finest {knob}", number(report.measures.left[-1], "J", 3)),
+            (f"|ΔC| at the finest {knob}", number(report.errors[-1], "J", 3)),
             *_share(report),
             *order,
             *nominal,
@@ -305,7 +305,7 @@ def _checked(report: EquationCheck, fixed: Sequence[Fix]) -> dict[str, Any]:
 
 _REPAIRED = "The search for the mistake"
 _CHECKED = {
-    **WORDS,
+    **VERDICT_WORDS,
     "consistent": "The equations are right",
     "equation-error": "The equations are wrong",
 }
@@ -521,7 +521,7 @@ def _verdict(report: Judged) -> dict[str, Any]:
     cause = next((_sentence(f"{f.what}.") for f in v.findings if f.weight == "cause"), "")
     reason = next((f"{e}." for e in v.evidence if e.startswith("Unresolved ")), "")
     meaning = v.meaning or reason or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
-    return {"tone": tone, "word": WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
+    return {"tone": tone, "word": VERDICT_WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
 
 
 def _rests_on(report: Judged) -> Words:

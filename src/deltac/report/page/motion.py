@@ -21,7 +21,7 @@ from deltac.simulation import positive
 from deltac.trajectories import MappingLike, Trajectory
 from deltac.verbs import balance, read_trajectory, simulate
 
-STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0
+VIEW_STEP, VIEW_SOLVER, DURATION = 1e-3, "ode5", 5.0
 """Of a motion whose model says nothing of it."""
 
 
@@ -57,9 +57,9 @@ def viewed(
         return mechanism, read.run, read.ledger
     start = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
     if step is None:
-        step = problem.step if problem else STEP
+        step = problem.step if problem else VIEW_STEP
     step = positive(step, "step")
-    solver = solver or (problem.solver if problem else SOLVER)
+    solver = solver or (problem.solver if problem else VIEW_SOLVER)
     seconds = duration
     if seconds is None:
         seconds = problem.duration if problem else DURATION

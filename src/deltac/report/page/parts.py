@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.report.panels import POINTS, Bars, Flows, HeatMap, Line, LogPlot, Panel, TimePlot
+from deltac.report.panels import CURVE_POINTS, Bars, Flows, HeatMap, Line, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
 if TYPE_CHECKING:
     from deltac.report.page.scene import Drawing
 
-NUMBERS = 25 * POINTS
+PAGE_NUMBERS = 25 * CURVE_POINTS
 """Numbers of time histories, which all plots share, and of what moves that a page holds: 0.55 MB each."""
 
 
@@ -194,8 +194,8 @@ class Page:
 
 def _share(plots: Sequence[TimePlot]) -> float:
     """How many numbers a plot may take: what small ones leave is for the larger ones."""
-    sizes = sorted(_columns(plot) * min(len(plot.t), 2 * POINTS) for plot in plots)
-    rest = float(NUMBERS)
+    sizes = sorted(_columns(plot) * min(len(plot.t), 2 * CURVE_POINTS) for plot in plots)
+    rest = float(PAGE_NUMBERS)
     for count, size in zip(range(len(sizes), 0, -1), sizes):
         if size * count > rest:
             return rest / count
@@ -212,12 +212,12 @@ def _shaded(plot: TimePlot, line: Line) -> bool:
     """Whether the error bar of a curve can be seen: it is more than a row of a screen."""
     if line.bar is None:
         return False
-    return plot.log or not POINTS * np.max(line.bar) <= np.ptp(line.y)
+    return plot.log or not CURVE_POINTS * np.max(line.bar) <= np.ptp(line.y)
 
 
 def _cut(plot: TimePlot, share: float) -> dict[str, Any]:
     """A plot in terms of JSON, its curves cut down to the extremes of as many stretches as it may have."""
-    cut = Stretches.of(plot.t, int(min(POINTS, max(1.0, 0.5 * share / _columns(plot)))))
+    cut = Stretches.of(plot.t, int(min(CURVE_POINTS, max(1.0, 0.5 * share / _columns(plot)))))
     lines = []
     for line in plot.lines:
         y = np.abs(line.y) if plot.log else line.y

@@ -30,8 +30,8 @@ from deltac.report.page.geometry import (
     trails,
     unit,
 )
-from deltac.report.page.parts import NUMBERS, Numbers
-from deltac.report.panels import MOST_DRAWN, POINTS
+from deltac.report.page.parts import PAGE_NUMBERS, Numbers
+from deltac.report.panels import CURVE_POINTS, MOST_DRAWN
 from deltac.trajectories import Trajectory
 
 
@@ -119,7 +119,7 @@ def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
     A body and a frame take seven numbers each, a force six.
     """
     of_frame = 7 * len(mechanism.bodies) * share + 6 * min(MOST_DRAWN, len(run.forces))
-    count = int(max(60, min(POINTS, NUMBERS / of_frame)))
+    count = int(max(60, min(CURVE_POINTS, PAGE_NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at

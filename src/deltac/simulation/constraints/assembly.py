@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import ASSEMBLED, Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.singular_inertia import without_inertia
@@ -137,7 +137,9 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
     return held
 
 
-def _unmet(rows: Rows, values: Array, level: str, unit: str, reason: str = "") -> InputError:
+def _unmet(
+    rows: ConstraintRows, values: Array, level: str, unit: str, reason: str = ""
+) -> InputError:
     worst = int(np.argmax(np.abs(values)))
     return StateError(
         f"the constraints cannot be met at {level} level from this guess: {rows.names[worst]!r} is off by "

@@ -21,13 +21,13 @@ from deltac.dynamics.spatial import SX
 from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import projection
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.step_size.energy_error import ACCURATE
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
 
-MOST = ROUGHLY
+LARGEST_PASS = ROUGHLY
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
 
 
@@ -36,7 +36,7 @@ class EnergyLeftWarning(UserWarning):
 
 
 @derived
-def energy_correction(flow: Flow) -> Any:
+def energy_correction(flow: StateFlow) -> Any:
     """(t, x; p, h) -> x with K + V − Q as at the start, as a CasADi function."""
     h = ca.SX.sym("h")
     inputs = [flow.t, flow.x, flow.p]
@@ -50,13 +50,13 @@ def energy_correction(flow: Flow) -> Any:
 
 
 @derived
-def _balance(flow: Flow) -> Kernel:
+def _balance(flow: StateFlow) -> Kernel:
     """(t, x; p) -> K, and K + V less what it should be."""
     imbalance = flow.energies[-2] + flow.energies[-1] - flow.x[-1]
     return flow.kernel("energy left", {"K": flow.energies[-2], "left": imbalance})
 
 
-def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
+def check_correction_held(flow: StateFlow, t: Array, x: Array, p: Array) -> None:
     """Warn `EnergyLeftWarning` if the corrections of a run could not keep up with what its steps lost."""
     parameters = {"p": p} if flow.p.shape[0] else {}
     values = _balance(flow)(t=t, x=x, **parameters)
@@ -70,7 +70,7 @@ def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
         )
 
 
-def _moved(flow: Flow, h: SX) -> SX:
+def _moved(flow: StateFlow, h: SX) -> SX:
     """One pass: a step of Newton's along the steepest way, its length bounded."""
     q_part, u_part, z_part = flow.parts
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
@@ -81,7 +81,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     least_q, least_u = _least(flow, along_q), _least(flow, along_u)
     slope = ca.dot(along_u, least_u) + h**2 * ca.dot(along_q, least_q)
     # Where nothing moves and nothing pulls there is no way to go: slope and way are both zero.
-    share = ca.fmin(ca.fmax(-imbalance / ca.fmax(slope, TINY), -MOST), MOST)
+    share = ca.fmin(ca.fmax(-imbalance / ca.fmax(slope, TINY), -LARGEST_PASS), LARGEST_PASS)
     moved = flow.normalised(
         ca.vertcat(q + ca.mtimes(W, h**2 * share * least_q), u + share * least_u, z)
     )
@@ -90,7 +90,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     return moved
 
 
-def _least(flow: Flow, force: SX) -> SX:
+def _least(flow: StateFlow, force: SX) -> SX:
     """M⁻¹ of a generalized force, as far as the constraints let it act."""
     if flow.bound is not None:
         bound = flow.bound.schur

@@ -9,7 +9,7 @@ import numpy as np
 
 from deltac.arrays import SOLVED, Array
 from deltac.calls.caching import LRUCache
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.independence import Independence, independence
 from deltac.errors import ModelError, SolverError, StateError
@@ -101,7 +101,7 @@ def _consistent(motion: EquationsOfMotion, t: float, q: Array, u: Array, p: Arra
     return independence(motion, t, q, p)
 
 
-def violated(rows: Rows, phi: Array, psi: Array) -> str:
+def violated(rows: ConstraintRows, phi: Array, psi: Array) -> str:
     """Which constraint is violated and by how much, in words; "" where φ and ψ (nc,) are small enough."""
     for level, values, unit in (("position", phi, "m or rad"), ("velocity", psi, "m/s or rad/s")):
         worst = int(np.argmax(np.abs(values))) if len(values) else 0

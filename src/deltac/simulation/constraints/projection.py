@@ -15,7 +15,7 @@ from deltac.calls.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.spatial import SX
 from deltac.simulation.constraints.singular import DEPENDENT
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 NEARLY_DEPENDENT = 10.0 * DEPENDENT
 """Smallest pivot, by the largest so far, below which steps of a solver's own choice are not trusted.
@@ -26,7 +26,7 @@ an error control shortens its steps without end there, or accepts speeds that a 
 
 
 @derived
-def projection(flow: Flow) -> Any:
+def projection(flow: StateFlow) -> Any:
     """(t, x; p) -> x on the constraints, and the smallest pivot met, as a CasADi function.
 
     One Newton step on the coordinates; then, with the factorisation there, a second one and the speeds:
@@ -63,12 +63,12 @@ def projection(flow: Flow) -> Any:
 
 
 @derived
-def pivot(flow: Flow) -> Any:
+def pivot(flow: StateFlow) -> Any:
     """(t, x; p) -> the smallest pivot of the constraints there, as a CasADi function."""
     return ca.Function("pivot", [flow.t, flow.x, flow.p], [smallest_pivot(flow)])
 
 
-def smallest_pivot(flow: Flow) -> SX:
+def smallest_pivot(flow: StateFlow) -> SX:
     """How near the constraints are to being dependent: 1 independent, 0 dependent."""
     assert flow.bound is not None
     pivot = flow.bound.schur.smallest_pivot
@@ -77,7 +77,7 @@ def smallest_pivot(flow: Flow) -> SX:
     return pivot
 
 
-def _unit(flow: Flow, q: SX) -> SX:
+def _unit(flow: StateFlow, q: SX) -> SX:
     result = ca.SX(q)
     for place in quaternions(flow.system.mechanism):
         result[place] = q[place] / ca.sqrt(ca.dot(q[place], q[place]))

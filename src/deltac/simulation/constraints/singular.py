@@ -19,7 +19,7 @@ from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.simulation.flow import Flow, constraint_forces
+from deltac.simulation.flow import StateFlow, constraint_forces
 from deltac.simulation.solvers import Solver
 
 DEPENDENT = 1e-4
@@ -33,7 +33,7 @@ configuration what is left of a dependent row is that error, which points anywhe
 class SingularMotion:
     """The motion of a constrained mechanism with multipliers by numeric least squares."""
 
-    def __init__(self, flow: Flow, p: Array) -> None:
+    def __init__(self, flow: StateFlow, p: Array) -> None:
         """Prepare the pieces of the equations of motion; they are evaluated by CasADi.
 
         Laws that switch are taken as they are: of `p` only the mechanism's parameters, the first, count.
@@ -116,21 +116,21 @@ class SingularMotion:
         return qdot.ravel(), udot, independent @ bounded, turning.T @ (dependent @ growing)
 
 
-SHORTEST = 2.0**-10
+SHORTEST_SHARE = 2.0**-10
 """Share of a step beyond which a careful one is not shortened: across a singular position none is exact."""
 
 
 class CarefulStep:
     """One step of a solver with multipliers by least squares, and a projection to match."""
 
-    def __init__(self, flow: Flow, solver: Solver, p: Array, tolerance: float = 0.0) -> None:
+    def __init__(self, flow: StateFlow, solver: Solver, p: Array, tolerance: float = 0.0) -> None:
         """Of a flow and its parameters `p`; `tolerance` is for `length`."""
         assert solver.step is not None
         self._flow, self._step, self._p, self._tolerance = flow, solver.step, p, tolerance
 
     def length(self, t: float, x: Array, h: float) -> float:
         """The length, up to h, of a step that two halves agree with to the tolerance, relative to q and u."""
-        shortest = SHORTEST * h
+        shortest = SHORTEST_SHARE * h
         while h > shortest:
             whole, halves = self(t, x, h), self(t + h / 2, self(t, x, h / 2), h / 2)
             if all(

@@ -39,7 +39,7 @@ from deltac.simulation.ensemble.members import (
     repeated,
 )
 from deltac.simulation.ensemble.steps import Advance, Span
-from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.flow import StateFlow, build_flow
 from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Solver
 from deltac.simulation.step_size.time_scales import check_start
@@ -236,12 +236,12 @@ class _Telling:
                 self._progress(self._done / self._total)
 
 
-_FLOWS: LRUCache[Flow] = LRUCache(16)
+_FLOWS: LRUCache[StateFlow] = LRUCache(16)
 
 
 def _flow(
     mechanism: Mechanism, testing: tuple[str, ...], vary: tuple[str, ...], rows: tuple[int, ...]
-) -> Flow:
+) -> StateFlow:
     """The traced flow, shared by ensembles that differ in values alone."""
     return _FLOWS.get(
         (mechanism.digest(vary), testing, vary, rows),
@@ -250,7 +250,7 @@ def _flow(
 
 
 @derived
-def _observation(flow: Flow, along: int) -> Kernel:
+def _observation(flow: StateFlow, along: int) -> Kernel:
     """(t, x; p) -> full q, u; ∫P and E of the testing functions, K, V, corrections; ∂ΔC by parameters."""
     n, tested, count = flow.x.shape[0], flow.tested, len(flow.testing)
     E, inputs, outputs = flow.energies[:count, :], [flow.x], {}
@@ -276,7 +276,7 @@ def _observation(flow: Flow, along: int) -> Kernel:
 class _Result:
     """The arrays of an ensemble while it is made; threads write to columns of their own."""
 
-    flow: Flow
+    flow: StateFlow
     observe: Kernel
     q: Array
     u: Array
@@ -284,7 +284,7 @@ class _Result:
     stopped: Array
 
     @staticmethod
-    def empty(mechanism: Mechanism, flow: Flow, K: int, N: int, along: int) -> _Result:
+    def empty(mechanism: Mechanism, flow: StateFlow, K: int, N: int, along: int) -> _Result:
         nq, nu, count = len(mechanism.coordinates), len(mechanism.speeds), len(flow.testing)
         sizes = {"integral": count, "E": count + 2, "corrections": 1, "moved": 2 * count * along}
         sums = {name: np.empty((size, K, N)) for name, size in sizes.items()}

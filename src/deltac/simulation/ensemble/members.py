@@ -18,7 +18,7 @@ from deltac.mechanism.state import State
 from deltac.simulation.arguments import count, whole_steps
 from deltac.simulation.solvers import FixedStep, Solver, find_solver
 
-ROUNDING = 4 * EPS
+LENGTH_ROUNDING = 4 * EPS
 """A quaternion's length differs from one by so little after a division by it."""
 
 States: TypeAlias = State | Sequence[State] | tuple[ArrayLike, ArrayLike]
@@ -228,7 +228,7 @@ def _with_unit_quaternions(mechanism: Mechanism, Q: Array) -> Array:
                 "length"
             )
         # What is of unit length but for rounding keeps its bits.
-        length[np.abs(length - 1.0) <= ROUNDING] = 1.0
+        length[np.abs(length - 1.0) <= LENGTH_ROUNDING] = 1.0
         result[:, place] /= length[:, None]
     return result
 

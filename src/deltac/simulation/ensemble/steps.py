@@ -22,7 +22,7 @@ from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.kernels.simd import AVX512_WIDTH, INSTRUCTIONS_CACHED
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.flow import LOST, Flow
+from deltac.simulation.flow import OFF_CONSTRAINTS, StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.explicit import FUSED_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import settle_kernel
@@ -58,7 +58,9 @@ class Advance:
     respect to them, ∂x/∂p: exact ones of the discrete motion, by forward differentiation of a step.
     """
 
-    def __init__(self, flow: Flow, solver: Solver, count: int, along: tuple[int, ...] = ()) -> None:
+    def __init__(
+        self, flow: StateFlow, solver: Solver, count: int, along: tuple[int, ...] = ()
+    ) -> None:
         """Choose and compile the way for spans of `count` steps.
 
         Raises InputError where derivatives are asked of a step too large to be compiled as one.
@@ -189,12 +191,14 @@ class Advance:
 
 
 @derived
-def _method(flow: Flow, solver: Solver) -> FixedMethod:
+def _method(flow: StateFlow, solver: Solver) -> FixedMethod:
     return FixedMethod(flow, solver)
 
 
 @derived
-def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] = ()) -> Kernel:
+def steps_kernel(
+    flow: StateFlow, solver: Solver, fused: int, along: tuple[int, ...] = ()
+) -> Kernel:
     """(x, k, worst, taken; p, t0, h) -> the same `fused` steps later, so that buffers may alternate.
 
     `worst` is the smallest pivot on the way, `count` counts the steps of members that stay finite
@@ -229,7 +233,7 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
 
 
 @derived
-def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
+def _step(flow: StateFlow, solver: Solver, along: tuple[int, ...]) -> Any:
     """(x, k, p, t0, h) -> the state and its derivatives one step later, and the smallest pivot met."""
     single = _method(flow, solver).single_step
     if not along:
@@ -247,14 +251,14 @@ def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
 
 
 @derived
-def _assembly(flow: Flow) -> Any:
+def _assembly(flow: StateFlow) -> Any:
     """(t, x, p) -> whether a state is on the constraints."""
     violation = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
-    return ca.Function("assembly", [flow.t, flow.x, flow.p], [violation <= LOST])
+    return ca.Function("assembly", [flow.t, flow.x, flow.p], [violation <= OFF_CONSTRAINTS])
 
 
 @derived
-def _assembly_kernel(flow: Flow) -> Kernel:
+def _assembly_kernel(flow: StateFlow) -> Kernel:
     """The same, compiled, for states on their own."""
     assembly = _assembly(flow)(flow.t, flow.x, flow.p)
     return Kernel({"t": flow.t, "x": flow.x}, {"assembly": assembly}, flow.p, name="assembly")
@@ -268,7 +272,7 @@ def _total(x: SX) -> SX:
 
 
 @derived
-def rate_kernel(flow: Flow) -> Kernel:
+def rate_kernel(flow: StateFlow) -> Kernel:
     """(t, x, p) -> ẋ."""
     return flow.kernel("rate", {"xdot": flow.xdot})
 

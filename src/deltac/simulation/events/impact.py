@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import ENDLESS, TINY, Array
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
@@ -27,7 +27,7 @@ from deltac.errors import DeltacError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.events import Simultaneous
 from deltac.simulation.events.stronge import REST, collide
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 
 @dataclass(frozen=True)
@@ -144,17 +144,19 @@ def _one_by_one(
 class Collider:
     """Impacts of a mechanism at a state of its flow."""
 
-    flow: Flow
+    flow: StateFlow
     points: tuple[ImpactPoint, ...]
     _at: ca.Function
     _fed: ca.Function
 
     @staticmethod
-    def of(flow: Flow, points: tuple[ImpactPoint, ...], split: OwnCoordinates | None) -> Collider:
+    def of(
+        flow: StateFlow, points: tuple[ImpactPoint, ...], split: OwnCoordinates | None
+    ) -> Collider:
         """Write out what impacts need; `split` as for the testing functions of the flow."""
         system, bound = flow.system, flow.bound
         equations, free = equations_of(system), system.free_u
-        rows = Rows.none(system) if bound is None else bound.rows
+        rows = ConstraintRows.none(system) if bound is None else bound.rows
         M = ca.SX(equations.M_all)
         M[free, free] = equations.completed(rows)[0]
         outputs: list[SX] = [M, rows.G_all, system.u_all]
@@ -269,7 +271,7 @@ class Collider:
 
 
 def _directions(n: Array, push: Array, normal: Array) -> Array:
-    """Rows (1 or 3 by nu): the normal, and two tangents where there is a surface."""
+    """ConstraintRows (1 or 3 by nu): the normal, and two tangents where there is a surface."""
     if not n.any():
         return normal[None, :]
     first = np.cross(n, np.eye(3)[int(np.argmin(np.abs(n)))])

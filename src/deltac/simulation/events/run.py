@@ -21,14 +21,14 @@ from deltac.simulation.events.impact import Collider
 from deltac.simulation.events.location import End, crossing, may_cross
 from deltac.simulation.events.switching import switched
 from deltac.simulation.events.witness import Witness, Witnesses
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.stepping.interpreted import StageRate
 
 HEIGHT = ROUNDED
 """Flights that reach no farther than this (m or rad) are lost in rounding."""
 
 
-SLOW = ROUNDED
+SLOW_CONTACT = ROUNDED
 """Contact speeds below this share of the run's, or of 1 m/s, count as zero; so do accelerations."""
 
 
@@ -36,13 +36,13 @@ SLOW = ROUNDED
 class Eventful:
     """A flow made ready for events, compiled once: its branches held if they are to be found."""
 
-    flow: Flow
+    flow: StateFlow
     watch: Witnesses
     collider: Collider
 
 
 @derived
-def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
+def eventful(flow: StateFlow, split: CoordinateMap | None, switches: bool) -> Eventful:
     """Prepare the events of a flow."""
     system = flow.system
     functions = ca.SX(0, 1)
@@ -301,13 +301,13 @@ class EventRun:
 
     def _slow(self, x: Array) -> float:
         """The speed below which a contact neither closes nor parts."""
-        return SLOW * max(1.0, float(np.abs(x[self.watch.flow.parts[1]]).max(initial=0.0)))
+        return SLOW_CONTACT * max(1.0, float(np.abs(x[self.watch.flow.parts[1]]).max(initial=0.0)))
 
     def _rest(self, t: float, x: Array, touching: list[int]) -> None:
         """Pairs that touch and do not part: they stay so, or are pressed on, and that is no impact."""
         sight, slow = self._look(t, x), self._slow(x)
         udot = self.rate(t, x)[self.watch.flow.parts[1]]
-        none = SLOW * max(1.0, float(np.abs(udot).max(initial=0.0)))
+        none = SLOW_CONTACT * max(1.0, float(np.abs(udot).max(initial=0.0)))
         for k in touching:
             resting = abs(sight.rate[k]) <= slow
             self._slack[k] = ASSEMBLED + max(0.0, -float(sight.g[k])) if resting else 0.0

@@ -15,10 +15,10 @@ import numpy as np
 
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 
-def switched(flow: Flow) -> tuple[Flow, SX, tuple[str, ...]]:
+def switched(flow: StateFlow) -> tuple[StateFlow, SX, tuple[str, ...]]:
     """The flow with every branch of its equations of motion held; the switching functions, and their names.
 
     Sides are the last entries of its p; the functions are of (t, x, p). Branches that depend on parameters
@@ -109,7 +109,7 @@ def _locked(inputs: Sequence[SX], outputs: Sequence[SX], variables: SX) -> tuple
     return shaped, sides
 
 
-def _names(flow: Flow, sides: _Sides) -> tuple[str, ...]:
+def _names(flow: StateFlow, sides: _Sides) -> tuple[str, ...]:
     """The channel that each switching function belongs to, told by its values at a random state."""
     count = len(sides.functions)
     if not count:

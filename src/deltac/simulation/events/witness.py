@@ -13,7 +13,7 @@ from deltac.dynamics.impacts import ImpactPoint
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.mechanism.events import Event
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 DIRECTIONS = {"falling": -1, "both": 0, "rising": 1}
 
@@ -31,7 +31,7 @@ class Witness:
 class Witnesses:
     """The witness functions of a run: the gaps of impact points first, then events, then switches."""
 
-    flow: Flow
+    flow: StateFlow
     points: tuple[ImpactPoint, ...]
     events: tuple[Event, ...]
     switches: SX

@@ -10,7 +10,8 @@ import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, ROUGHLY, Array
 from deltac.errors import warn_user
-from deltac.simulation.flow import CORRECTIONS, ENERGY_CORRECTION, Flow
+from deltac.mechanism.channels import BOOKED
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import fastest_rate, longest_step
 from deltac.simulation.stepping.protocol import Motion
@@ -18,9 +19,6 @@ from deltac.trajectories import Provenance
 
 ACCURATE = 1e-3
 """The energy error that a recommended step aims at."""
-
-BOOKED = (*CORRECTIONS, ENERGY_CORRECTION)
-"""Integrals of what corrections did to the energy: what they undid was the step's error."""
 
 
 class EnergyErrorWarning(UserWarning):
@@ -88,7 +86,9 @@ class EnergyError:
         return self.largest / self.total if self.total > 0.0 else 0.0
 
 
-def energy_error(flow: Flow, columns: Mapping[str, Array], motion: Motion) -> EnergyError | None:
+def energy_error(
+    flow: StateFlow, columns: Mapping[str, Array], motion: Motion
+) -> EnergyError | None:
     """The energy error of a run.
 
     Args:
@@ -125,7 +125,7 @@ def energy_error(flow: Flow, columns: Mapping[str, Array], motion: Motion) -> En
 
 
 def refuted(
-    flow: Flow, solver: Solver, error: EnergyError, motion: Motion, p: Array, run: Provenance
+    flow: StateFlow, solver: Solver, error: EnergyError, motion: Motion, p: Array, run: Provenance
 ) -> Motion:
     """A motion that its testing functions refute: warns `EnergyErrorWarning` with the step that would do.
 
@@ -157,7 +157,7 @@ def refuted(
 
 
 def sufficient_step(
-    flow: Flow, solver: Solver, error: EnergyError, motion: Motion, p: Array, step: float
+    flow: StateFlow, solver: Solver, error: EnergyError, motion: Motion, p: Array, step: float
 ) -> float:
     """A step (s) that would do, by the row from which on the run is wrong: later ones show another motion.
 

@@ -11,11 +11,11 @@ from deltac.arrays import EPS, SMALL_SHARE, Array
 from deltac.dynamics.digits import NEARBY
 from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.testing_functions import MOMENTUM
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 
 def state_sizes(
-    flow: Flow,
+    flow: StateFlow,
     rate: Callable[[float, Array], Array],
     t: float,
     x: Array,
@@ -82,7 +82,7 @@ def _scatter(rate: Callable[[float, Array], Array], t: float, x: Array, sizes: A
     return np.where(np.isfinite(scatter), scatter, 0.0)
 
 
-def _angles(flow: Flow) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _angles(flow: StateFlow) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which coordinates and which speeds of x are of angles; of the user's own the unit is not known."""
     mechanism, free = flow.system.mechanism, flow.system.mechanism.free
     if flow.own is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import PHYSICAL, Array
 from deltac.calls.caching import derived
 from deltac.errors import warn_user
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.protocol import Motion
 from deltac.simulation.stepping.runge_kutta import growth, tableau_of
@@ -29,7 +29,7 @@ TOLERATED = 1.01
 DOUBLED = 2.0
 """Growth per step beyond which a run follows nothing; the ledger tells of smaller growth."""
 
-SMALL = 12
+CHEAP_SIZE = 12
 """Coordinates and speeds up to which eigenvalues are cheap enough to be looked at for every run."""
 
 
@@ -67,7 +67,7 @@ def remedy(longest: float) -> str:
 
 
 @derived
-def _jacobian(flow: Flow) -> ca.Function:
+def _jacobian(flow: StateFlow) -> ca.Function:
     """∂(q̇, u̇)/∂(q, u), motors at zero."""
     n = flow.q_size + flow.u_size
     J = ca.jacobian(flow.xdot[:n], flow.x)[:, :n]
@@ -75,7 +75,7 @@ def _jacobian(flow: Flow) -> ca.Function:
     return ca.Function("J", [flow.t, flow.x, flow.p], [ca.densify(steady)])
 
 
-def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
+def fastest_rate(flow: StateFlow, t: float, x: Array, p: Array) -> complex:
     """The eigenvalue λ (1/s) of largest size of ∂(q̇, u̇)/∂(q, u) at a state; NaN where undefined."""
     value = np.array(_jacobian(flow)(t, x, p))
     if not np.isfinite(value).all():
@@ -84,7 +84,9 @@ def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
     return complex(eigenvalues[np.argmax(np.abs(eigenvalues))])
 
 
-def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion: Motion) -> Motion:
+def explained(
+    flow: StateFlow, solver: Solver, h: float, p: Array, x0: Array, motion: Motion
+) -> Motion:
     """A motion of explicit fixed steps; one that blew up has the time scale and the remedy in its message.
 
     What grew beyond all measure ends there, though it is finite. Warns `StiffStepWarning` of a run that came
@@ -95,7 +97,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
         return motion
     if not motion.message:
         motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
-    small = flow.q_size + flow.u_size <= SMALL
+    small = flow.q_size + flow.u_size <= CHEAP_SIZE
     if not flow.traced or not (motion.message or small):
         return motion
     t, rate = float(motion.t[0]), fastest_rate(flow, float(motion.t[0]), x0, p)

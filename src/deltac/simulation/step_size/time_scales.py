@@ -105,7 +105,7 @@ class _Touch:
         return _inverse(float(np.linalg.eigvalsh(across @ self.W @ across)[-1]))
 
 
-_KEPT: LRUCache[tuple[dict[str, tuple[str, ...]], Any]] = LRUCache(16)
+_MODES: LRUCache[tuple[dict[str, tuple[str, ...]], Any]] = LRUCache(16)
 
 
 def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]], Array]:
@@ -134,7 +134,7 @@ def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]
         M = ca.densify(crba(system)[free, free])
         return labels, ca.Function("touches", [system.t, system.q, system.u], [table, M])
 
-    labels, f = _KEPT.get(mechanism.digest(), make)
+    labels, f = _MODES.get(mechanism.digest(), make)
     free = mechanism.free
     table, M = (np.array(x) for x in f(state.t, state.q[free.q], state.u[free.u]))
     inverse = np.linalg.pinv(M)

@@ -15,10 +15,10 @@ from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.kernels.simd import INSTRUCTIONS_CACHED
 from deltac.simulation.constraints.energy import energy_correction
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate, settled
-from deltac.simulation.stepping.protocol import Block, Step, StepGrid, Stepper
+from deltac.simulation.stepping.protocol import FinishedStates, Step, StepGrid, Stepper
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 FUSED_INSTRUCTIONS = 4_000
@@ -55,7 +55,7 @@ class FixedMethod:
     Native code takes many steps in one call: a loop over whole steps or, for large mechanisms, over stages.
     """
 
-    flow: Flow
+    flow: StateFlow
     solver: Solver
 
     @cached_property
@@ -118,7 +118,7 @@ class FixedMethod:
         return StepLoop(kernel, np.empty((1, 0)))
 
 
-def _stages(flow: Flow, tableau: Tableau) -> StepLoop:
+def _stages(flow: StateFlow, tableau: Tableau) -> StepLoop:
     """Rows (x, k, earlier slopes), one a stage.
 
     All stages are the same function; coefficients tell it which of them it is: a_ij by how long ago slope j
@@ -168,7 +168,7 @@ class FixedSteps(Stepper):
 
         return Step(t, x, until, exact(until), exact)
 
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> FinishedStates | None:
         """Compiled steps, up to where the constraints become dependent."""
         if self._loop is None:
             return None
@@ -179,4 +179,4 @@ class FixedSteps(Stepper):
             good = rows[:, n + 1] > LEAST_PIVOT
             if not good.all():
                 rows, singular = rows[: int(np.argmin(good))], True
-        return Block(rows[:, :n], singular)
+        return FinishedStates(rows[:, :n], singular)

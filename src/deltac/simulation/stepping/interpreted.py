@@ -12,10 +12,10 @@ from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction
 from deltac.simulation.constraints.projection import pivot, projection
 from deltac.simulation.equations import Controller, motor_values
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 
-def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
+def settled(flow: StateFlow, t: SX, x: SX) -> tuple[SX, SX]:
     """The state back on its constraints, and the smallest pivot there (1 without constraints)."""
     if flow.projecting:
         projected, worst = projection(flow)(t, x, flow.p)
@@ -26,7 +26,7 @@ def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
 
 
 @derived
-def settle_kernel(flow: Flow) -> Kernel | None:
+def settle_kernel(flow: StateFlow) -> Kernel | None:
     """What is done to a state after each step: unit quaternions, and back on the constraints.
 
     (t, x, p) -> x and the smallest pivot; None where there is nothing to be done.
@@ -38,7 +38,7 @@ def settle_kernel(flow: Flow) -> Kernel | None:
 
 
 @derived
-def _correction_kernel(flow: Flow) -> Kernel:
+def _correction_kernel(flow: StateFlow) -> Kernel:
     """(t, x; p, h) -> x with its energy as it should be."""
     h = ca.SX.sym("h")
     corrected = energy_correction(flow)(flow.t, flow.x, flow.p, h)
@@ -51,7 +51,7 @@ class Finish:
     Nothing is compiled before the first call: steps that are compiled as a whole hold all this themselves.
     """
 
-    def __init__(self, flow: Flow, p: Array) -> None:
+    def __init__(self, flow: StateFlow, p: Array) -> None:
         """`p` are the values of the parameters."""
         self._flow, self._p = flow, p
         self._ready = False
@@ -85,7 +85,7 @@ class Finish:
 
 
 @derived
-def _rate_kernels(flow: Flow) -> tuple[Kernel, Kernel]:
+def _rate_kernels(flow: StateFlow) -> tuple[Kernel, Kernel]:
     """ẋ, and the full state that a controller sees."""
     values = {"t": flow.t, "x": flow.x}
     extra = {"inputs": flow.inputs, "given": flow.given}
@@ -97,7 +97,7 @@ def _rate_kernels(flow: Flow) -> tuple[Kernel, Kernel]:
 class StageRate:
     """ẋ(t, x) with a controller, or with equations that are called from Python; compiled when first asked."""
 
-    def __init__(self, flow: Flow, controller: Controller | None, p: Array) -> None:
+    def __init__(self, flow: StateFlow, controller: Controller | None, p: Array) -> None:
         """`p` are the values of the parameters, which may change along the run."""
         self._flow, self._controller = flow, controller
         self._in: Array | None = None

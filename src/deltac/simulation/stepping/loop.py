@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MOST_AHEAD = 8192
 """Steps between reports of progress, where many are taken at once."""
 
-FEW, MANY = 8, 256
+FIRST_AHEAD, EVENT_AHEAD = 8, 256
 """Steps that are looked at together for events, to begin with and at most."""
 
 
@@ -82,12 +82,12 @@ class SteppingLoop:
             self._restarted(events)
             fresh = bool(events.happened)
         self._keep(self.t, self.x)
-        reach, within = MOST_AHEAD if events is None else FEW, 0
+        reach, within = MOST_AHEAD if events is None else FIRST_AHEAD, 0
         while not self._over() and self.t < self.end:
             if not fresh and self._cruise(reach):
-                reach = reach if events is None else min(2 * reach, MANY)
+                reach = reach if events is None else min(2 * reach, EVENT_AHEAD)
                 continue
-            reach = MOST_AHEAD if events is None else FEW
+            reach = MOST_AHEAD if events is None else FIRST_AHEAD
             try:
                 fresh = self._advance(fresh)
             except StepFailed as failure:

@@ -75,7 +75,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Block:
+class FinishedStates:
     """States (m, n) at the next m times of the grid, finished.
 
     `singular` says that the step after them met dependent constraints and is not to be trusted.
@@ -109,6 +109,6 @@ class Stepper(ABC):
         """Go on from another state, forgetting what was before, with other parameters."""
         self._p = p
 
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> FinishedStates | None:
         """As many of the next steps as are cheaply taken at once; None where steps go one by one."""
         return None

@@ -72,7 +72,7 @@ _WRITTEN_OUT: dict[str, Tableau] = {
     ),
 }
 
-EXPLICIT = (*_WRITTEN_OUT, "ode8")
+TABLEAU_METHODS = (*_WRITTEN_OUT, "ode8")
 """The names of the methods that have a tableau."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from deltac.arrays import SMALL_SHARE, Array
 from deltac.kernels import Kernel
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
@@ -24,7 +24,7 @@ class ScipySteps(Stepper):
 
     def __init__(
         self,
-        flow: Flow,
+        flow: StateFlow,
         solver: Solver,
         rate: StageRate,
         p: Array,

@@ -16,12 +16,19 @@ from deltac.calls.interrupts import check_interrupted
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
-from deltac.simulation.stepping.protocol import CHUNK, Block, Step, StepFailed, StepGrid, Stepper
+from deltac.simulation.stepping.protocol import (
+    CHUNK,
+    FinishedStates,
+    Step,
+    StepFailed,
+    StepGrid,
+    Stepper,
+)
 
-FEW = CHUNK // 8
+NEAR_EVENT = CHUNK // 8
 """Samples of one call near an event."""
 
 
@@ -33,7 +40,7 @@ class SundialsSteps(Stepper):
     """
 
     def __init__(
-        self, flow: Flow, solver: Solver, p: Array, tolerance: float, sizes: Array
+        self, flow: StateFlow, solver: Solver, p: Array, tolerance: float, sizes: Array
     ) -> None:
         """Of a run with parameters p, whose states have `sizes` (n,)."""
         self._flow, self._p, self._failed = flow, p, False
@@ -56,7 +63,7 @@ class SundialsSteps(Stepper):
                 "tolerance="
             ) from None
 
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> FinishedStates | None:
         """Samples of one call, which keeps the methods' order; none of a run that is changed at each."""
         rest = grid.count - k
         if grid.end - grid.time(grid.count - 1) < (1 - 1e-9) * grid.step:
@@ -66,7 +73,7 @@ class SundialsSteps(Stepper):
         # Each number of parts needs an integrator of its own: there are four at most.
         count = -(-rest // -(-rest // CHUNK))
         if count > most:
-            count = CHUNK if most >= CHUNK else min(FEW, count)
+            count = CHUNK if most >= CHUNK else min(NEAR_EVENT, count)
         try:
             values = self._integrate(x, grid.time(k), count * grid.step, count, self._p)
         except RuntimeError:
@@ -75,10 +82,10 @@ class SundialsSteps(Stepper):
             return None
         for place in self._flow.quaternions:
             values[:, place] /= np.linalg.norm(values[:, place], axis=1, keepdims=True)
-        return Block(values)
+        return FinishedStates(values)
 
 
-def _speed(flow: Flow, x: Array) -> str:
+def _speed(flow: StateFlow, x: Array) -> str:
     """The largest speed at a state, in words."""
     u = x[flow.parts[1]]
     if flow.own is not None or not u.size:
@@ -88,12 +95,12 @@ def _speed(flow: Flow, x: Array) -> str:
     return f" (the largest speed is u.{mechanism.speeds.names[mechanism.free.u[k]]} = {u[k]:.4g})"
 
 
-def _explicit(flow: Flow) -> dict[str, Any]:
+def _explicit(flow: StateFlow) -> dict[str, Any]:
     """ẋ = f, and no algebraic unknowns."""
     return {"t": flow.t, "x": flow.x, "p": flow.p, "ode": flow.xdot}
 
 
-def _implicit(flow: Flow) -> dict[str, Any]:
+def _implicit(flow: StateFlow) -> dict[str, Any]:
     """q̇ = W u, u̇ = a, and the algebraic unknowns a, λ of r(t, q, u, a, λ) = 0, ψ̇ = 0.
 
     ψ̇ is with Baumgarte's terms where the run has them, as in forward dynamics: G a = −γ is read off it.

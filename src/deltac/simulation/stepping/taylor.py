@@ -14,8 +14,8 @@ from deltac.arrays import Array
 from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError, SolverError
 from deltac.mechanism.laws import is_smooth
-from deltac.simulation.flow import Flow
-from deltac.simulation.stepping.protocol import CHUNK, Block, Step, StepGrid, Stepper
+from deltac.simulation.flow import StateFlow
+from deltac.simulation.stepping.protocol import CHUNK, FinishedStates, Step, StepGrid, Stepper
 
 KINKED = (
     "FABS",
@@ -46,7 +46,7 @@ class TaylorSteps(Stepper):
     """
 
     def __init__(
-        self, flow: Flow, p: Array, tolerance: float | None, sizes: Array, *, quad: bool
+        self, flow: StateFlow, p: Array, tolerance: float | None, sizes: Array, *, quad: bool
     ) -> None:
         """Its order follows from the tolerance, whose default is the precision of the numbers.
 
@@ -107,7 +107,7 @@ class TaylorSteps(Stepper):
         """From another state, and with other parameters."""
         self._p, self._at = p, math.nan
 
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
+    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> FinishedStates | None:
         """The next samples."""
         count = min(most, CHUNK, grid.count - k)
         times, (method, _), limit = grid.times(k, count + 1), self._methods, {}
@@ -123,7 +123,7 @@ class TaylorSteps(Stepper):
         self._at = float(times[-1])
         for place in self._quaternions:
             states[:, place] /= np.linalg.norm(states[:, place], axis=1, keepdims=True)
-        return Block(states)
+        return FinishedStates(states)
 
     def _place(self, method: Any, t: float, x: Array) -> None:
         method.time = self._real(t)
@@ -153,7 +153,7 @@ class TaylorSteps(Stepper):
 
 @lru_cache(maxsize=32)
 def _taylor_method(
-    flow: Flow, p: tuple[float, ...], tolerance: float | None, real: type[Any]
+    flow: StateFlow, p: tuple[float, ...], tolerance: float | None, real: type[Any]
 ) -> Any:
     """Heyoka's integrator of the flow, at no state in particular: made once, or from the disk cache.
 
@@ -183,7 +183,7 @@ def _taylor_method(
     return compiled(repr(source), lambda: waiting(made))
 
 
-def _require_smooth(flow: Flow, function: Any) -> None:
+def _require_smooth(flow: StateFlow, function: Any) -> None:
     """InputError if ẋ, as a function, has a kink anywhere, naming the law where one is to blame."""
     kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
     if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import polars
 
 _NAMELESS = re.compile(r"column \d+")
-_NAMES = re.compile(r"(?:.*[^a-z])?names?", re.IGNORECASE)
+_NAME_LABELS = re.compile(r"(?:.*[^a-z])?names?", re.IGNORECASE)
 _MESSAGE = ("position", "velocity", "effort")
 """The arrays of ROS's sensor_msgs/JointState after the names, in its order."""
 
@@ -103,7 +103,7 @@ def _messages(frame: polars.DataFrame) -> polars.DataFrame:
 def _labels(frame: polars.DataFrame) -> polars.DataFrame:
     """Names of joints in columns of their own, ``name0``, beside numbered columns: they name these."""
     texts = _constant_texts(frame)
-    labels = [several for stem, several in arrays_of(texts).items() if _NAMES.fullmatch(stem)]
+    labels = [several for stem, several in arrays_of(texts).items() if _NAME_LABELS.fullmatch(stem)]
     if len(labels) != 1:
         return frame
     joints = [texts[column] for column in labels[0]]

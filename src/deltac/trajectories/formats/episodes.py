@@ -25,7 +25,7 @@ ENDS = (
 )
 """Columns that are one in the last row of an episode: D4RL's, Gymnasium's."""
 
-GROUP = re.compile(r"(?:.*/)?((?:demo|episode|ep|traj|trajectory|rollout|trial)_?\d+)/")
+EPISODE_GROUP = re.compile(r"(?:.*/)?((?:demo|episode|ep|traj|trajectory|rollout|trial)_?\d+)/")
 """Groups of HDF5 files that hold one each: robomimic's and robosuite's data/demo_0, Minari's episode_0, …."""
 
 
@@ -54,7 +54,7 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
             }
     groups: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
     for name, values in raw.columns.items():
-        if match := GROUP.match(name):
+        if match := EPISODE_GROUP.match(name):
             groups.setdefault(match[1], (match[0], {}))[1][name.removeprefix(match[0])] = values
     return {
         name: replace(

@@ -229,7 +229,7 @@ _REFUSED: Mapping[str, str] = {
     ),
     **dict.fromkeys(
         (".c3d", ".trc"),
-        "places of markers are no motion of joints: solve them (OpenSim's IK) first",
+        "marker positions are no motion of joints: run inverse kinematics (OpenSim's IK) first",
     ),
     ".tdms": "export it from LabVIEW as text, .lvm",
     ".slx": "this is a model of Simulink; log its run to a .mat file",

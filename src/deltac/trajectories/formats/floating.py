@@ -16,20 +16,20 @@ import numpy as np
 
 from deltac import rotations
 from deltac.trajectories.formats.units import without_unit
-from deltac.trajectories.formats.words import NEUTRAL, PLACES, UNREAL, words_of
+from deltac.trajectories.formats.words import NEUTRAL, PLACE_WORDS, UNREAL, words_of
 from deltac.trajectories.motion import Movement, preferred
 from deltac.trajectories.trajectory import FloatArray
 
 BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
 """What people call the one body that floats."""
 
-_UNIT, _TURNS = 1e-3, 1e-6
+_UNIT_LENGTH, _TURNS = 1e-3, 1e-6
 
 _MOST = 12
 """Vectors of one kind that are tried."""
 
 _LINEAR = frozenset("lin linear linvel vel vels velocity v speed".split())
-_ANGULAR = frozenset("ang angular angvel rotvel omega gyro w".split())
+_ANGULAR_WORDS = frozenset("ang angular angvel rotvel omega gyro w".split())
 _FRAMES = {"w": "world", "world": "world", "b": "body", "body": "body"}
 """Last words that say in whose components a vector is: ``root_lin_vel_w``."""
 
@@ -108,7 +108,9 @@ def _scalar_first(quaternion: Sequence[str], order: str) -> tuple[str, ...]:
 def is_turning(p: FloatArray) -> bool:
     """Whether four columns (T, 4) are a unit quaternion that is not constant."""
     with np.errstate(over="ignore"):
-        one = np.max(np.abs(np.sum(p * p, axis=1) - 1.0)) < _UNIT  # False where a value is missing
+        one = (
+            np.max(np.abs(np.sum(p * p, axis=1) - 1.0)) < _UNIT_LENGTH
+        )  # False where a value is missing
     return bool(one and np.max(np.ptp(p, axis=0)) > _TURNS)
 
 
@@ -191,16 +193,18 @@ def _vector(
         return Vector(columns, "quaternion", order, "", named, words[:-1])
     frame = _FRAMES.get(words[-1], "") if len(words) > 1 else ""
     telling = set(
-        words[:-1] if frame and set(words[:-1]) & (_LINEAR | _ANGULAR | PLACES) else words
+        words[:-1]
+        if frame and set(words[:-1]) & (_LINEAR | _ANGULAR_WORDS | PLACE_WORDS)
+        else words
     )
     frame = frame if len(telling) < len(set(words)) else ""
     body_names = [set(name) for name in own]
     rest = telling - NEUTRAL - {"p"}
-    if telling & _ANGULAR:
+    if telling & _ANGULAR_WORDS:
         kind = "angular"
     elif telling & _LINEAR:
         kind = "linear"
-    elif telling & PLACES or not rest or any(rest <= name for name in body_names):
+    elif telling & PLACE_WORDS or not rest or any(rest <= name for name in body_names):
         kind = "position"
     else:
         return None

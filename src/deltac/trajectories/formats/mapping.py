@@ -71,7 +71,7 @@ _TABLES = {
 }
 _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
 _SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset", "frame")
-_FRAMES = ("world", "body")
+_COMPONENTS = ("world", "body")
 _ORDERS = ("wxyz", "xyzw")
 _BECAUSE = "the mapping says so"
 
@@ -241,7 +241,9 @@ class _Parser:
         constant = self.number(key, value, "constant", 0.0) if "constant" in value else None
         offset = self.number(key, value, "offset", 0.0)
         frame = value.get("frame", "")
-        if frame and (frame not in _FRAMES or not key.startswith(("speeds.", "accelerations."))):
+        if frame and (
+            frame not in _COMPONENTS or not key.startswith(("speeds.", "accelerations."))
+        ):
             raise self.error(
                 f"{key}.frame",
                 f"found {shown(frame)}, expected 'world' or 'body', of speeds or accelerations",

@@ -34,7 +34,7 @@ from deltac.trajectories.trajectory import Trajectory
 
 T = TypeVar("T")
 
-_MAGIC = b"\x93NUMPY"
+_NPY_MAGIC = b"\x93NUMPY"
 
 
 def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
@@ -185,7 +185,7 @@ def _values(stream: Any, size: int, what: str, budget: Budget, part: slice | Non
 def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any, int]:
     """The type, shape and order of an array, and where its values begin."""
     start = stream.read(8)
-    if len(start) < 8 or start[:6] != _MAGIC or start[6] not in (1, 2, 3):
+    if len(start) < 8 or start[:6] != _NPY_MAGIC or start[6] not in (1, 2, 3):
         raise FileError(f"{what} is not an array of NumPy's, or it is damaged")
     form = "<H" if start[6] == 1 else "<I"
     (length,) = struct.unpack(form, stream.read(struct.calcsize(form)))

@@ -22,7 +22,7 @@ from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.delimited import Dialect, distinct, numbers, table_of_numbers
 from deltac.trajectories.formats.raw import RawLog
 
-_ROWS, _COLUMNS = ("nRows", "datarows"), ("nColumns", "datacolumns")
+_ROWS, _HEADER_COUNTS = ("nRows", "datarows"), ("nColumns", "datacolumns")
 _NEWEST = 3
 _END = re.compile(rb"^[ \t]*endheader[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
 _STATE = {"value": "q", "speed": "u"}
@@ -51,7 +51,10 @@ def read_opensim(path: Path) -> RawLog:
     distinct(names)
     rest = "\n".join(lines[first + 1 :]).encode()
     frame = table_of_numbers(rest, Dialect(" "), names, first + 1)
-    for keys, count, what in ((_ROWS, frame.height, "rows"), (_COLUMNS, len(names), "columns")):
+    for keys, count, what in (
+        (_ROWS, frame.height, "rows"),
+        (_HEADER_COUNTS, len(names), "columns"),
+    ):
         _check_count(header, keys, count, what)
     columns = {s.name: numbers(s.name, s, first + 2) for s in frame.get_columns()}
     return RawLog(
@@ -98,7 +101,7 @@ def read_opensim_folder(path: Path) -> RawLog:
 
 
 _KINEMATICS = {"kinematics_q": "q", "kinematics_u": "u", "kinematics_dudt": "udot"}
-_PARTS = ("states", *_KINEMATICS, "controls", "actuation_force", "forces", "inverse_dynamics")
+_ENDINGS = ("states", *_KINEMATICS, "controls", "actuation_force", "forces", "inverse_dynamics")
 """Endings of the names of files that the tools of OpenSim write of one run."""
 
 
@@ -107,7 +110,7 @@ def _parts(folder: Path) -> dict[str, Path]:
     parts: dict[str, Path] = {}
     for file in sorted(folder.iterdir()):
         stem = re.sub(r"[ -]", "_", file.stem.lower()).replace("forcereporter_", "")
-        ending = next((e for e in _PARTS if stem == e or stem.endswith(f"_{e}")), None)
+        ending = next((e for e in _ENDINGS if stem == e or stem.endswith(f"_{e}")), None)
         if file.suffix.lower() in (".sto", ".mot") and ending:
             if ending in parts:
                 return {}

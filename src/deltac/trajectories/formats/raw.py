@@ -307,7 +307,7 @@ def is_label(name: str) -> bool:
     return _plain(name) in _LABELS
 
 
-_UNIT = re.compile(r"(?:(\w+?)(?:[ _-]|(?=U)))?[uU](?:nits?|NITS?)(?:\[\d+\])?")
+_UNIT_NAME = re.compile(r"(?:(\w+?)(?:[ _-]|(?=U)))?[uU](?:nits?|NITS?)(?:\[\d+\])?")
 
 
 def is_unit(name: str) -> bool:
@@ -319,7 +319,7 @@ def _of_unit(name: str) -> str | None:
     """What the unit under that name is of, by name: `q` for ``units.q``; None where it is no unit."""
     parts = re.split(r"([./])", name)
     for k in range(0, len(parts), 2):
-        if match := _UNIT.fullmatch(parts[k]):
+        if match := _UNIT_NAME.fullmatch(parts[k]):
             inner = parts[k + 2 :] if match[1] is None else [match[1], *parts[k + 1 :]]
             return "".join([*parts[:k], *inner])
     return None

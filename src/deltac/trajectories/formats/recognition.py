@@ -32,17 +32,17 @@ from deltac.trajectories.formats.meaning import Basis, Meaning
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.units import column_unit, converts, unit, without_unit
 from deltac.trajectories.formats.words import (
+    COLUMN_WORDS,
     DERIVATIVES,
-    KNOWN,
+    KNOWN_WORDS,
     NEUTRAL,
-    RATES,
+    RATE_WORDS,
     SKIPS,
     SLIDES,
     STEPS,
     TABLE,
     TURNS,
     UNREAL,
-    WORDS,
     arrays_of,
     key,
     kind_of,
@@ -151,7 +151,7 @@ class _Search:
         """How far coordinates do not move as their speeds say, as a share of how far they move.
 
         `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
-        its speed is among them, or nothing moves; infinite where a quaternion is none.
+        its speed is among them, or nothing moves; infinite where a quaternion is not of unit length.
         """
         rows = slice(0, LONG_LOG)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
@@ -303,7 +303,7 @@ def _steps(s: _Search) -> list[tuple[str, float]]:
     steps = []
     for words, value in plain:
         ends = {"".join(words[k:]) for k in range(len(words))}  # sim_dt, control_freq
-        step = value if ends & STEPS else 1.0 / value if ends & RATES and value > 0.0 else 0.0
+        step = value if ends & STEPS else 1.0 / value if ends & RATE_WORDS and value > 0.0 else 0.0
         if 0.0 < step < np.inf:
             steps += [("_".join(words), many * step) for many in (1.0, *skips)]
     return steps
@@ -370,12 +370,12 @@ def _of_motors(s: _Search) -> Iterator[Meaning]:
         motor = words_of(channel.removeprefix("actuator "))
         si = "N*m" if si_unit(f"u.{speed}", s.names) == "rad/s" else "N"
         for column, readings in s.named.items():
-            vocabulary = _ACTUATION | WORDS["force"] | NEUTRAL
+            vocabulary = _ACTUATION | COLUMN_WORDS["force"] | NEUTRAL
             if in_unit := s.unit(column, si) is not None:
                 vocabulary |= {"t", "f", "m"}  # T, F and M of a torque or force
             for words in readings:
                 rest = without(words, motor)
-                acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
+                acts = in_unit or set(words) & (_ACTUATION | COLUMN_WORDS["force"])
                 if rest is not None and acts and set(rest) <= vocabulary:
                     target = f"force.{channel}.{speed}"
                     yield Meaning(target, column, "the name is that of the motor")
@@ -395,7 +395,7 @@ def _alike(s: _Search) -> Iterator[Meaning]:
     if len(parts) < 2:
         return
     several = {word for joint in s.joints for word in joint.words}
-    common = set.intersection(*map(set, parts.values())) - KNOWN - UNREAL - several
+    common = set.intersection(*map(set, parts.values())) - KNOWN_WORDS - UNREAL - several
     plain: Named = {
         column: (tuple(word for word in words if word not in common),)
         for column, words in parts.items()

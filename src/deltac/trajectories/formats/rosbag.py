@@ -35,8 +35,8 @@ from deltac.trajectories.rates import FEWEST_ROWS, GAP, continuous
 from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
-_PARTS = ("position", "velocity", "effort")
-_LARGEST = 8 * WIDEST
+_JOINT_PARTS = ("position", "velocity", "effort")
+_LONGEST_MESSAGE = 8 * WIDEST
 """Bytes of a message: larger ones have more numbers than a log has columns: pictures, clouds of points."""
 
 _MOST_ENTRIES = 32
@@ -53,7 +53,9 @@ class _Joints:
     topic: str
     joints: tuple[str, ...]
     stamps: list[int] = field(default_factory=list)
-    values: dict[str, list[Any]] = field(default_factory=lambda: {part: [] for part in _PARTS})
+    values: dict[str, list[Any]] = field(
+        default_factory=lambda: {part: [] for part in _JOINT_PARTS}
+    )
 
 
 @dataclass
@@ -111,7 +113,7 @@ def _of_mcap(path: Path) -> Iterator[Message]:
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             kind, data = schema.name if schema is not None else "", message.data
-            small = kind in JOINT_STATE or len(data) <= _LARGEST
+            small = kind in JOINT_STATE or len(data) <= _LONGEST_MESSAGE
             decode = (lambda c=channel, s=schema, d=data: decoded(c, s, d)) if small else None
             yield channel.topic, kind, message.log_time, decode
 
@@ -126,7 +128,7 @@ def _of_rosbags(path: Path) -> Iterator[Message]:
     with AnyReader([path], default_typestore=store) as reader:
         for connection, time, data in reader.messages():
             kind = connection.msgtype
-            small = kind in JOINT_STATE or len(data) <= _LARGEST
+            small = kind in JOINT_STATE or len(data) <= _LONGEST_MESSAGE
             decode = (lambda d=data, k=kind: reader.deserialize(d, k)) if small else None
             yield connection.topic, kind, time, decode
 
@@ -147,13 +149,15 @@ def _log(messages: Iterator[Message], size: int) -> RawLog:
             continue
         message = None
         if decode is None:
-            collector.skip(topic, f"has messages of type {kind} of more than {_LARGEST} bytes")
+            collector.skip(
+                topic, f"has messages of type {kind} of more than {_LONGEST_MESSAGE} bytes"
+            )
         elif kind in JOINT_STATE:
             message = decode()
             names = tuple(message.name)
             one = joints.setdefault((topic, names), _Joints(topic, names))
             one.stamps.append(_stamp(message) or int(time))
-            for part in _PARTS:
+            for part in _JOINT_PARTS:
                 one.values[part].append(np.asarray(getattr(message, part), dtype=np.float64))
             budget.take(8 * (1 + 3 * len(names)))
         else:
@@ -315,7 +319,7 @@ def _add(collector: Collector, one: _Joints, prefix: str, start: int) -> npt.NDA
     """
     stamps, rows = np.unique(np.array(one.stamps, dtype=np.int64), return_index=True)
     collector.add(f"{prefix}time", (stamps - start) / 1e9, "s")
-    for part in _PARTS:
+    for part in _JOINT_PARTS:
         values = one.values[part]
         lengths = {len(values[row]) for row in rows}
         if lengths == {0}:

@@ -359,7 +359,7 @@ def _read_events(metadata: Mapping[str, Any] | None, t: FloatArray) -> tuple[Occ
 def _provenance_fields(provenance: Provenance) -> dict[str, Any]:
     values = {f.name: getattr(provenance, f.name) for f in fields(provenance)}
     values |= {name: dict(values[name]) for name in MAPPINGS}
-    # What nobody said is not written, so that headers stay short; that nothing was held or lost is said.
+    # What is unknown is left out, so that headers stay short; that nothing was held or lost is written.
     unsaid = {
         n for n, v in values.items() if v is None or (not v and n not in ("held", "energy_error"))
     }

@@ -23,7 +23,7 @@ class Unit:
     dimension: tuple[int, int, int, int]
 
 
-_NUMBER, _LENGTH, _MASS, _TIME, _ANGLE = (
+_DIMENSIONS, _LENGTH, _MASS, _TIME, _ANGLE = (
     (0, 0, 0, 0),
     (1, 0, 0, 0),
     (0, 1, 0, 0),
@@ -36,7 +36,7 @@ _TURN, _LBF = 2.0 * math.pi, 4.4482216152605
 _ATOMS: dict[str, Unit] = {
     name: Unit(factor, dimension)
     for names, factor, dimension in (
-        ("1", 1.0, _NUMBER),
+        ("1", 1.0, _DIMENSIONS),
         ("m meter meters metre metres", 1.0, _LENGTH),
         ("cm centimeter centimeters centimetre centimetres", 1e-2, _LENGTH),
         ("mm millimeter millimeters millimetre millimetres", 1e-3, _LENGTH),
@@ -90,7 +90,7 @@ def unit(text: str) -> Unit:
     written = re.sub(r"\s*([*/^])\s*", r"\1", written.replace("**", "^"))
     written = re.sub(r"\s+per\s+", "/", written, flags=re.IGNORECASE)
     written = re.sub(r"[·⋅. ]", "*", written) or "1"
-    factor, dimension, end = 1.0, _NUMBER, 0
+    factor, dimension, end = 1.0, _DIMENSIONS, 0
     for match in _FACTOR.finditer(written):
         sign, name, power = match.groups()
         if match.start() != end or (sign == "") != (end == 0):

@@ -28,7 +28,7 @@ from functools import lru_cache
 
 from deltac.trajectories.formats.units import without_unit
 
-WORDS: Mapping[str, frozenset[str]] = {
+COLUMN_WORDS: Mapping[str, frozenset[str]] = {
     "q": frozenset(
         "q qpos pos position positions angle angles value theta th phi psi disp displacement p "
         "winkel drehwinkel weg lage".split()
@@ -65,10 +65,10 @@ NEUTRAL = frozenset(
 )
 """Words that say nothing of it."""
 
-PLACES = frozenset("position pos translation trans location origin xyz".split())
+PLACE_WORDS = frozenset("position pos translation trans location origin xyz".split())
 """Words of where a body is, without which three columns beside a quaternion are no position."""
 
-TIMES = frozenset(
+TIME_WORDS = frozenset(
     "time t ts times tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo "
     "temps ms millis us ns".split()
 )
@@ -78,7 +78,7 @@ NO_TIMES = frozenset(
 """Words of columns that are times, but not of the samples."""
 
 STEPS = frozenset("dt timestep ts h sampletime samplingtime sample period deltat".split())
-RATES = frozenset("fs hz rate frequency freq samplerate samplingrate fps".split())
+RATE_WORDS = frozenset("fs hz rate frequency freq samplerate samplingrate fps".split())
 """Names of single numbers that are the time between rows, s, and rows in a second."""
 
 SKIPS = frozenset("frameskip nsubsteps substeps decimation actionrepeat controldecimation".split())
@@ -128,7 +128,7 @@ def names_time(words: tuple[str, ...]) -> bool:
     if not words or NO_TIMES & set(words[:-1]):
         return False
     return words[-1] in ("time", "times", "timestamp", "timestamps", "tout", "stamp") or (
-        set(words) <= TIMES | NEUTRAL and bool(set(words) & (TIMES - {"sec"}))
+        set(words) <= TIME_WORDS | NEUTRAL and bool(set(words) & (TIME_WORDS - {"sec"}))
     )
 
 
@@ -152,7 +152,10 @@ def kind_of(rest: tuple[str, ...]) -> str | None:
         words = words[1:]
     times = sum(DERIVATIVES.get(word, 0) for word in words)
     telling = [word for word in words if word not in DERIVATIVES]
-    kinds = [{kind for kind, vocabulary in WORDS.items() if word in vocabulary} for word in telling]
+    kinds = [
+        {kind for kind, vocabulary in COLUMN_WORDS.items() if word in vocabulary}
+        for word in telling
+    ]
     common = set.intersection(*kinds) if kinds else {"q"}
     if times > 2 or (telling and times and not common & {"q", "u"}):
         return None
@@ -166,16 +169,16 @@ def kind_of(rest: tuple[str, ...]) -> str | None:
     return orders[place] if place < len(orders) else None
 
 
-KNOWN = frozenset().union(*WORDS.values(), DERIVATIVES)
+KNOWN_WORDS = frozenset().union(*COLUMN_WORDS.values(), DERIVATIVES)
 _GLUED = re.compile(r"(d{0,2})([^\W\d_]+?)(dot|ddot|dotdot|d|dd|p|pp|prime)?")
 
 
 def unglued(word: str) -> list[str]:
     """A word with what differentiates it apart: ``thetadot``, ``dtheta``, ``thdd``, ``xp``."""
-    if word in KNOWN or not (match := _GLUED.fullmatch(word)):
+    if word in KNOWN_WORDS or not (match := _GLUED.fullmatch(word)):
         return [word]
     before, stem, after = match.groups()
-    if stem not in WORDS["q"] | SLIDES - {"v"}:
+    if stem not in COLUMN_WORDS["q"] | SLIDES - {"v"}:
         return [word]
     dots = len(before) + {"dot": 1, "d": 1, "p": 1, "prime": 1, None: 0}.get(after, 2)
     return [stem, *["dot"] * dots]

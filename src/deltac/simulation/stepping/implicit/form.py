@@ -17,7 +17,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.errors import SolverError
 from deltac.mechanism.joints import JOINT_KINDS
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Slots:
 class ImplicitForm:
     """The unsolved equations of a flow at a `StagePoint`, for values of motors and parameters."""
 
-    def __init__(self, flow: Flow) -> None:
+    def __init__(self, flow: StateFlow) -> None:
         """Write them out; InputError for equations by hand whose derivatives are unknown."""
         self.flow = flow
         system = flow.system
@@ -137,7 +137,7 @@ def _composed(a: SX, b: SX) -> SX:
     )
 
 
-def _slots(flow: Flow) -> list[Slots]:
+def _slots(flow: StateFlow) -> list[Slots]:
     mechanism = flow.system.mechanism
     q = {int(place): k for k, place in enumerate(mechanism.free.q)}
     u = {int(place): k for k, place in enumerate(mechanism.free.u)}
@@ -156,7 +156,7 @@ def _slots(flow: Flow) -> list[Slots]:
     return slots
 
 
-def _check_by_hand(flow: Flow) -> None:
+def _check_by_hand(flow: StateFlow) -> None:
     assert flow.equations is not None
     name = flow.equations.name
     if not flow.traced:

@@ -15,16 +15,16 @@ from deltac.kernels import Kernel
 from deltac.mechanism.friction import SLIP_WIDTH
 
 MOST_ITERATIONS = 400
-FREE, MOST_HALVED = 8, 40
+UNQUESTIONED, MOST_HALVED = 8, 40
 """Iterations whose steps are not questioned; how often one step is halved at most."""
 
-TOLERANCE = 512 * EPS
+SPEED_TOLERANCE = 512 * EPS
 """Of the speeds, relative to the largest of the run: some rounding errors above the best there is."""
 
-SLOW = 0.01
+SLOW_CONTRACTION = 0.01
 """A contraction worse than this calls for a new Jacobian: of small mechanisms it costs next to nothing."""
 
-ROUNDING = ROOT_EPS
+STIFF_ROUNDING = ROOT_EPS
 """Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
 
 SPARSE = 48
@@ -93,8 +93,8 @@ class Newton:
                 came = bool(np.any(step))  # by a step that can be shortened
                 if residual == np.inf and not came:
                     return NewtonOutcome(y, False, k, r)
-                if residual == np.inf or (came and k > FREE and residual >= before):
-                    if size <= ROUNDING * scale and residual < np.inf:
+                if residual == np.inf or (came and k > UNQUESTIONED and residual >= before):
+                    if size <= STIFF_ROUNDING * scale and residual < np.inf:
                         return NewtonOutcome(y, True, k, r)
                     if not exact:
                         # The step of an old Jacobian need not go down: back, and make a new one.
@@ -117,20 +117,20 @@ class Newton:
                 size = float(np.abs(step[: self._speeds]).max())
                 comparable = 0.0 < last < np.inf
                 rate = size / last if comparable else 1.0
-                if comparable and rate > SLOW and not fresh:
+                if comparable and rate > SLOW_CONTRACTION and not fresh:
                     refresh, last = True, np.inf  # not taken: the old Jacobian is no good here
                     step = np.zeros_like(y)
                     continue
                 y = y + step
                 scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLIP_WIDTH)
                 ahead = size * min(rate, 1.0)  # what the next step would be
-                if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
+                if size <= SPEED_TOLERANCE * scale or (k > 2 and ahead <= SPEED_TOLERANCE * scale):
                     return NewtonOutcome(y, True, k, r)
-                if fresh and size >= smallest and size <= ROUNDING * scale:
+                if fresh and size >= smallest and size <= STIFF_ROUNDING * scale:
                     return NewtonOutcome(y, True, k, r)
                 smallest, before, halved = min(size, smallest), residual, 0
                 exact = fresh
-                last, refresh = size, (comparable and rate > SLOW) or k >= FREE
+                last, refresh = size, (comparable and rate > SLOW_CONTRACTION) or k >= UNQUESTIONED
         self.forget()
         return NewtonOutcome(y, False, MOST_ITERATIONS, r)
 

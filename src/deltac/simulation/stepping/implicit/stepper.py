@@ -13,7 +13,7 @@ from deltac.arrays import Array
 from deltac.dynamics.forces import channels
 from deltac.errors import SolverError
 from deltac.kernels import Kernel
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import ImplicitForm
 from deltac.simulation.stepping.implicit.newton import Newton, NewtonOutcome, StepSystem
@@ -34,7 +34,7 @@ class Taken:
 class ImplicitMethod:
     """An implicit solver on a flow, in symbols and compiled: kept between runs, and without numbers."""
 
-    def __init__(self, flow: Flow, solver: Solver) -> None:
+    def __init__(self, flow: StateFlow, solver: Solver) -> None:
         """Write the step's equations out; InputError for what the solver cannot do."""
         self.flow, self.solver = flow, solver
         self.form = ImplicitForm(flow)
@@ -220,7 +220,7 @@ def _worst(method: ImplicitMethod, h: float, outcome: NewtonOutcome) -> str:
     return f"{size} for speed {mechanism.speeds[int(mechanism.free.u[worst])].name!r}"
 
 
-def _check_conservative(flow: Flow) -> None:
+def _check_conservative(flow: StateFlow) -> None:
     """InputError unless K + V is a function of the state alone, which the scheme can keep."""
     mechanism = flow.system.mechanism
     advice = "use 'implicit-midpoint' or 'generalized-alpha'"

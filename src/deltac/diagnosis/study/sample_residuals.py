@@ -11,24 +11,21 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import FEWEST, Convergence, order_of
-from deltac.diagnosis.study.runs import BalancedRun
+from deltac.diagnosis.measurements.cleaning import are_quotients
+from deltac.diagnosis.measurements.digits import digits_of
+from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.study.convergence import FEWEST_TIMES, order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
-from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
-
-if TYPE_CHECKING:
-    from deltac.diagnosis.residuals.at_samples import RunResidual
-    from deltac.diagnosis.residuals.kane import Kane
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +110,6 @@ def residuals_of(
     measured = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
     if not measured or not len(mechanism.free.u):
         return None
-    from deltac.diagnosis.residuals.at_samples import run_residual, stale_stage
-    from deltac.diagnosis.residuals.kane import Kane
-
     finest, kane = measured[-1][1], Kane(mechanism)
     of_finest = run_residual(kane, finest)
     blamed = _in_own(mechanism, finest, of_finest, own)
@@ -145,10 +139,8 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
 
     Those of other states are larger or smaller for that reason alone.
     """
-    from deltac.diagnosis.residuals.at_samples import run_residual
-
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
-    if min(len(part) for _, part in parts) < FEWEST:
+    if min(len(part) for _, part in parts) < FEWEST_TIMES:
         return math.nan
     (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):
@@ -157,133 +149,27 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
 
 
 def _measured(run: Trajectory, *, trusted: bool) -> bool:
-    """Whether a run's u̇ were not made from its u afterwards."""
+    """Whether a run's u̇ were not made from its u afterwards.
+
+    Those of an engine that steps so (semi-implicit Euler: u₊ = u + h u̇) are measured all the same.
+    """
     if run.udot is None or len(run) < 4:
         return False
     if trusted:
         return True
     if "udot" in run.provenance.derived:
         return False
-    return not _differences(run)
-
-
-def _differences(run: Trajectory) -> bool:
-    """Whether u̇ are difference quotients of u: forward, backward, central.
-
-    Those of an engine that steps so (semi-implicit Euler: u₊ = u + h u̇) are measured all the same.
-    """
-    if run.provenance.step is not None and run.provenance.simulator.startswith("MuJoCo"):
-        return False
-    u, a, t = run.u, run.udot, run.t
-    assert a is not None
-    dt = np.diff(t)[:, None]
-    size = float(np.abs(a).max())
-    central = np.gradient(u, t, axis=0)
-    close = 1e-9 * size + 1e-14 * float(np.abs(u).max()) / float(dt.min())
-    return size > 0.0 and bool(
-        np.abs(a[1:-1] - central[1:-1]).max() <= close
-        or np.abs(a[1:] - np.diff(u, axis=0) / dt).max() <= close
-    )
+    stepped = run.provenance.step is not None and run.provenance.simulator.startswith("MuJoCo")
+    half = digits_of(run)["udot"].half()
+    return stepped or not (run.udot.any() and any(are_quotients(run.t, run.u, run.udot, half)))
 
 
 def _in_own(
     mechanism: Mechanism, run: Trajectory, residual: RunResidual, own: CoordinateMap | None
 ) -> RunResidual:
     """The residual in the user's coordinates; in the mechanism's for a map without inverse."""
-    from deltac.diagnosis.residuals.at_samples import run_residual
-    from deltac.diagnosis.residuals.kane import Kane
-
     if own is None or not residual.relative.any():
         return residual
     with suppress(InputError):
         return run_residual(Kane(mechanism, own), run)
     return residual
-
-
-# --- the numbers that the verdict of a study rests on --------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class StudyMeasures:
-    """What the verdict of a study rests on.
-
-    Attributes:
-        runs: those that were compared, coarsest first; `function` is the testing function.
-        energy: how its ΔC converges; state: how the motion does; momentum: of each momentum balance.
-        residuals: of the equations of motion at the runs' own states, if they have accelerations.
-        trusted: the motion was made with the model's own dynamics, which are those of the test.
-        nominal: order of the solver, if known.
-        tolerance: accepted share of the energy that the system has.
-        unit: of what was varied: "s", or "" for tolerances.
-        constrained: the model has constraints.
-        until: the time (s) up to which `energy` was judged, where motions part before the end; else None.
-    """
-
-    runs: tuple[BalancedRun, ...]
-    function: str
-    energy: Convergence
-    state: Convergence
-    momentum: Mapping[str, Convergence]
-    residuals: SampleResiduals | None
-    trusted: bool
-    nominal: int | None
-    tolerance: float
-    unit: str
-    constrained: bool
-    until: float | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def steps(self) -> tuple[float, ...]:
-        """The step (s) of each run, or its tolerance."""
-        return tuple(entry.step for entry in self.runs)
-
-    @property
-    def left(self) -> tuple[float, ...]:
-        """Largest |ΔC| of each run, corrections included, J."""
-        return tuple(float(np.abs(r.energy_error[self.function]).max()) for r in self.runs)
-
-    @property
-    def bars(self) -> tuple[float, ...]:
-        """What else than the motion explains of it, J."""
-        return tuple(float(r.bar[self.function].max()) for r in self.runs)
-
-    @property
-    def ledger(self) -> Ledger:
-        """Where the energy of the finest run went."""
-        return self.runs[-1].ledger
-
-    @property
-    def blown_up(self) -> bool:
-        """Whether the finest run became unstable."""
-        return self.runs[-1].blown_up
-
-    @property
-    def knob(self) -> str:
-        """What was varied from run to run: "step" or "tolerance"."""
-        return "step" if self.unit else "tolerance"
-
-    @property
-    def allowed(self) -> float:
-        """The energy error that is accepted, J."""
-        return self.tolerance * self.ledger.reference_energy
-
-    @property
-    def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
-        return self.left[-1] / (self.ledger.reference_energy or np.inf)
-
-    @property
-    def equations_right(self) -> bool:
-        """Whether the equations are known to be those of the model, whatever the integration did."""
-        return self.trusted or (self.residuals is not None and self.residuals.closes)
-
-    @property
-    def resolved(self) -> bool:
-        """Whether three runs or more are of one motion: differences of successive ones fall."""
-        unsettled = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
-        return len(self.steps) > 2 and not unsettled
-
-    def has(self, *kinds: str) -> bool:
-        """Whether one of these was found."""
-        return any(f.kind in kinds for f in self.findings)

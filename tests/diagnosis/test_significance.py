@@ -6,6 +6,7 @@ The runs are by the classical method of Runge and Kutta, written out here.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -55,15 +56,15 @@ def bounces(h: float, rows: int, every: int = 1) -> dc.Trajectory:
 
     def rate(q: float, u: float) -> float:
         depth = max(0.0, RADIUS - q)
-        return STIFFNESS * depth**1.5 * max(0.0, 1 - DISSIPATION * u) / MASS - G
+        return float(STIFFNESS * depth**1.5 * max(0.0, 1 - DISSIPATION * u) / MASS - G)
 
     x = np.empty((rows, 2))
     x[0] = 0.45, 0.0
     for k in range(1, rows):
-        x[k] = stepped(rate, *x[k - 1], h)
+        x[k] = stepped(rate, x[k - 1, 0], x[k - 1, 1], h)
     x = x[::every]
     return dc.Trajectory(
-        t=h * every * np.arange(len(x)), q=x[:, :1], u=x[:, 1:],
+        t=h * every * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:],
         coordinates=("height",), speeds=("height",),
     )  # fmt: skip
 
@@ -100,23 +101,23 @@ def hinge(damping: float) -> dc.Mechanism:
     )
 
 
+def acceleration(torque: float, q: float, u: float) -> float:
+    return float((torque - DAMPING * u - MASS * G * ARM * np.sin(q)) / INERTIA)
+
+
 def driven(torque: Callable[[int], float], h: float, rows: int) -> tuple[Array, Array]:
     x, made = np.empty((rows, 2)), np.zeros(rows)
     x[0] = 0.9, 0.0
     for k in range(rows):
         made[k] = tau = torque(k)
         if k + 1 < rows:
-            x[k + 1] = stepped(
-                lambda q, u, tau=tau: (tau - DAMPING * u - MASS * G * ARM * np.sin(q)) / INERTIA,
-                *x[k],
-                h,
-            )
+            x[k + 1] = stepped(partial(acceleration, tau), x[k, 0], x[k, 1], h)
     return x, made
 
 
 def log(x: Array, torque: Array, h: float) -> dc.Trajectory:
     return dc.Trajectory(
-        t=h * np.arange(len(x)), q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),
+        t=h * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),
         forces={"actuator motor": torque[:, None]}, provenance=dc.Provenance(simulator="by hand", step=h),
     )  # fmt: skip
 

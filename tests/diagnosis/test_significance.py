@@ -117,7 +117,8 @@ def driven(torque: Callable[[int], float], h: float, rows: int) -> tuple[Array, 
 
 def log(x: Array, torque: Array, h: float) -> dc.Trajectory:
     return dc.Trajectory(
-        t=h * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),
+        t=h * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:],
+        coordinates=("hinge",), speeds=("hinge",),
         forces={"actuator motor": torque[:, None]}, provenance=dc.Provenance(simulator="by hand", step=h),
     )  # fmt: skip
 

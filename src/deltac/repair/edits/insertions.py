@@ -213,9 +213,6 @@ def insertions(
             words = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
             outside = 0.0 if isinstance(node, ast.BinOp) else 0.05
             yield edit(new, "term", 1.5 + p.cost + outside, words)
-    if term and factor:
-        for p in vocabulary.products(requirement, requirement.required, terms=True):
-            yield edit(f"{'-' if p.number < 0 else ''}{p.text}", "term", 2.0 + p.cost)
 
 
 def sums(

@@ -167,7 +167,8 @@ class Running:
 
     def column(self, k: int) -> Array:
         """∫ of one column from the block's first row to every row, and to the one after the block."""
-        return self._found[self._value, k]
+        values: Array = self._found[self._value, k]
+        return values
 
     def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Largest and least error so far (k, n), and `ROWS_AHEAD`, of the rows of a block."""

@@ -303,6 +303,7 @@ def test_the_motion_that_would_separate_is_named() -> None:
     assert found.separating.startswith("To tell some of them apart, log also a motion")
 
 
+@pytest.mark.slow
 def test_what_is_not_in_the_dictionary_is_not_explained() -> None:
     """A torque with the square of a speed, at a joint without a damper."""
     run = arm_run()

@@ -253,7 +253,8 @@ class _BlockWorker:
         running.powers[:] = self._y[: layout.n_out][layout.between, : self._rows].T
         sums = running()
         block = slice(REACH, REACH + self._size + 1)
-        self._integrals[:, block] = running.value(slice(None), layout.integrated).T
+        for integral, k in zip(self._integrals, layout.integrated):
+            integral[block] = running.column(k)
         self._compared()
         self._fine = None
         return sums

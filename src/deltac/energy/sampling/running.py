@@ -8,7 +8,6 @@ the interval h.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -162,10 +161,14 @@ class Running:
         whole = self._found[self._value[-1], : self.columns]
         return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}
 
-    def value(self, rows: NDArray[np.intp] | slice, columns: Sequence[int] | None = None) -> Array:
-        """∫ from the block's first row to others, and to the one after it (k, n); of some columns alone."""
-        found = self._found[:, : self.columns] if columns is None else self._found[:, columns]
-        return found[self._value[rows]]
+    def value(self, rows: NDArray[np.intp]) -> Array:
+        """∫ from the block's first row to others, and to the one after it (k, n)."""
+        return self._found[self._value[rows], : self.columns]
+
+    def column(self, k: int) -> Array:
+        """∫ of one column from the block's first row to every row, and to the one after the block."""
+        values: Array = self._found[self._value, k]
+        return values
 
     def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Largest and least error so far (k, n), and `ROWS_AHEAD`, of the rows of a block."""

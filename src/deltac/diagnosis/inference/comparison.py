@@ -100,6 +100,16 @@ class Comparison:
         return bool(self.maps) and rss <= self.rows.count
 
     @property
+    def exact(self) -> bool:
+        """Whether a method's map arrives at the rows to their digits, whatever else they may be known to."""
+        if not self.maps:
+            return False
+        point, Phi = self.point, self.at.point.tangent.Phi
+        w, (start, end) = point.errors(self.maps[0].end, Phi), point.log.digits
+        variance = end**2 + np.einsum("kij,kj->ki", Phi**2, start**2)
+        return bool(np.all(np.mean(w**2, axis=0) <= KNOWN * np.mean(variance, axis=0)))
+
+    @property
     def evidence(self) -> float:
         """Log evidence of the rows, as likely as their noise is small."""
         return self.rows.evidence(self.posterior.best, self.tau) - self.rows.spread
@@ -149,7 +159,8 @@ def compared(point: Point, before: Posterior | None = None) -> Comparison:
 def _compared(point: Point, before: Posterior | None) -> Comparison:
     """The comparison of causes with what the series may leave out, or with what it is likely to."""
     at = regression(point)
-    comparison, quieter = _compared_by(at, before), with_likelier_noise(at)
+    comparison = _compared_by(at, before)
+    quieter = None if comparison.exact else with_likelier_noise(at)
     if quieter is None:
         return comparison
     # All columns explain more than few causes do: these must close the rows, or be found by it alone.

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
@@ -251,6 +251,7 @@ def _generalized_alpha(
         F = end.F if later else at.F  # as if held
         before, behind = model.at(at), model.acceleration(end.t, end.q, end.u, F)
         mean = (end.u - at.u) / h
+        mean_of_q = (model.difference(at, end)[:, : mean.shape[1]] / h - at.u) / h
         stretches = np.split(np.arange(len(h)), np.unique(_first_of_stretches(intervals))[1:])
 
         def means(x: float, before: Array, behind: Array, mean: Array) -> tuple[Array, Array]:
@@ -276,13 +277,32 @@ def _generalized_alpha(
         def gap(x: float) -> Array:
             return directions.left(mean - means(x, before, behind, mean)[1])
 
+        def misfit(x: float) -> float:
+            return float(np.sum(gap(x) ** 2))
+
+        def misfit_of_q(x: float) -> float:
+            of_q = means(x, before, behind, mean)[0]
+            return float(np.sum(directions.left(mean_of_q - of_q) ** 2))
+
+        def polished(x: float) -> float:
+            """The nearest minimum, by Gauss and Newton; beyond the bounds where there is none."""
+            for _ in range(POLISHING):
+                slope = (gap(x + SLIGHTLY) - gap(x - SLIGHTLY)) / (2.0 * SLIGHTLY)
+                x -= float(np.sum(slope * gap(x)) / (np.sum(slope**2) + EPS))
+                if not low - SLIGHTLY < x < high + SLIGHTLY:
+                    break
+            return x
+
         low, high = bounds
-        x = min(np.linspace(low, high, COARSE).tolist(), key=lambda x: float(np.sum(gap(x) ** 2)))
-        for _ in range(POLISHING):  # Gauss and Newton
-            slope = (gap(x + SLIGHTLY) - gap(x - SLIGHTLY)) / (2.0 * SLIGHTLY)
-            x -= float(np.sum(slope * gap(x)) / (np.sum(slope**2) + EPS))
-            if not low - SLIGHTLY < x < high + SLIGHTLY:
-                return None
+        grid = np.linspace(low, high, COARSE)
+        size = np.array([np.inf, *map(misfit, grid), np.inf])
+        # Two parameters may do the same to the speeds, to second order in the step: coordinates tell them.
+        minima = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
+        found = [y for y in map(polished, grid[minima]) if low - SLIGHTLY < y < high + SLIGHTLY]
+        if not found:
+            return None
+        gaps = np.array([[misfit(y), misfit_of_q(y)] for y in found]) + TINY
+        x = found[int(np.argmin(np.sum(gaps / gaps.min(axis=0), axis=1)))]
         if high - x < SLIGHTLY:  # the trapezoidal rule, which has no memory
             return None
 

@@ -18,7 +18,7 @@ from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.inference.hypotheses import fitted
 from deltac.diagnosis.inference.inference import infer, likeliest
 from deltac.diagnosis.inference.linearisation import start
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.digits import white_noise
 from tests.support.rate_forms import without_forces
@@ -108,7 +108,7 @@ def test_steps_tell_what_the_samples_tell(own: bool, rel: float) -> None:
         run = replace(run, udot=None, works={}, integrals={}, provenance=dc.Provenance("other"))
     other = replace(machine(mass=2.0), name="other")
     if own:  # u̇ is linear in both: no point but the first is needed
-        model, equations = Model(other, run), LogEquations(other, run)
+        model, equations = LogModel(other, run), LogEquations(other, run)
         rows = observations(model, run, len(run))
         assert rows is not None
         point = start(model, run, rows).with_candidates(equations, column_kernels(equations))

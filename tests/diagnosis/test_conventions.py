@@ -12,7 +12,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.audit.conventions import _left
 from deltac.diagnosis.inference.inference import infer_alone
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from tests.support.slow import repeated
 
 Change = Callable[[dc.Trajectory], dc.Trajectory]
@@ -210,5 +210,5 @@ def test_forces_that_act_where_a_reading_does_not_look() -> None:
     inference = infer_alone(mechanism(), log)
     assert inference is not None and len(inference.forces) == 2
     part = log.take(slice(0, 90))
-    left = _left(Model(mechanism(), part), part, inference)
+    left = _left(LogModel(mechanism(), part), part, inference)
     assert 1e-6 < left < 1.0  # without the torques that acted there

@@ -25,7 +25,7 @@ from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import infer, inferred, likeliest
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
 from deltac.diagnosis.inference.linearisation import start
-from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned
@@ -119,7 +119,7 @@ def exact(q: Array, u: Array, h: float, p: dict[str, float]) -> Array:
 
 def test_the_flow_is_that_of_an_adaptive_solver() -> None:
     run = log(semi_implicit_euler, 5e-3, duration=0.5)
-    model = Model(MECHANISM, run)
+    model = LogModel(MECHANISM, run)
     intervals = Intervals(rows_of(run, slice(0, -1)), rows_of(run, slice(1, None)))
     none = np.zeros((len(intervals), 4))
     flow = predict(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none)
@@ -132,7 +132,7 @@ def test_the_flow_is_that_of_an_adaptive_solver() -> None:
 def test_the_variational_equation_is_that_of_reruns() -> None:
     """Φ by starts that are moved; B of a damper by a flow with another one; both by differences."""
     run, h = log(rk4, 5e-3, duration=0.2), 5e-3
-    model = Model(MECHANISM, run)
+    model = LogModel(MECHANISM, run)
     intervals = Intervals(rows_of(run, slice(0, -1)), rows_of(run, slice(1, None)))
     none = np.zeros((len(intervals), 4))
     flow = predict(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none, 8)
@@ -159,7 +159,7 @@ def test_the_variational_equation_is_that_of_reruns() -> None:
 
 def test_elementary_differentials_are_the_derivatives_of_the_accelerations() -> None:
     run = log(rk4, 5e-3, duration=0.2)
-    model = Model(MECHANISM, run)
+    model = LogModel(MECHANISM, run)
     at = rows_of(run, slice(3, 6))
     fields = elementary_differentials(model, at, np.ones((3, 1)))
     place = {f.name: k for k, f in enumerate(FIELDS)}
@@ -418,7 +418,7 @@ def test_few_rows_have_no_attribution() -> None:
 def test_quaternions_differ_by_rotation_vectors() -> None:
     mechanism = dc.Mechanism([dc.body("box", 1.0, (1.0, 2.0, 2.5))], [dc.free("f", "box")])
     run = dc.simulate(mechanism, mechanism.state({}, {"f.wx": 1.0, "f.wy": 0.3}), 0.1, step=1e-2)
-    model = Model(mechanism, run)
+    model = LogModel(mechanism, run)
     here, turn = rows_of(run, slice(4, 5)), np.array([[0.0, 0.0, 0.0, 0.01, -0.02, 0.005]])
     there = Rows(here.t, model.moved(here.q, turn, np.ones((1, 1))), here.u, here.F)
     moved = model.difference(here, there)
@@ -469,7 +469,7 @@ def test_a_model_with_a_cause_is_that_of_the_textbook_with_other_numbers(
     coefficients = np.zeros(len(kernels.columns))
     np.add.at(coefficients, list(cause.columns), cause.coefficients(np.array([theta])))
     rows = rows_of(run, slice(None))
-    found = Model(MECHANISM, run).changed((kernels,), coefficients).at(rows)
+    found = LogModel(MECHANISM, run).changed((kernels,), coefficients).at(rows)
     for k in (0, 50, 100):
         a, b = accelerations(absolute(run.q[k], run.u[k]), VALUES | wrong)
         assert found[k] == pytest.approx([a, b - a], rel=1e-11)  # rounding of two factorisations
@@ -564,7 +564,7 @@ def test_gaps_add_what_their_ends_do() -> None:
     """Of a rate that is linear in time, all of it: times as long on both sides of a gap have its mean."""
     run = log(rk4, 5e-3, duration=1.0)
     run = run.take(np.delete(np.arange(201), np.arange(60, 100)))
-    observed = observations(Model(MECHANISM, run), run, 1000)
+    observed = observations(LogModel(MECHANISM, run), run, 1000)
     assert observed is not None and len(observed.pieces) == 2
     t, h = observed.intervals.start.t, observed.intervals.h[:, 0]
     rate = 2.0 + 3.0 * (t + 0.5 * h)
@@ -652,7 +652,7 @@ def test_forces_between_rows_are_splines_within_their_doubt() -> None:
 def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> None:
     run = log(rk4, 2e-3)
     closed = infer(MECHANISM, run)
-    equations, model = LogEquations(MECHANISM, run), Model(MECHANISM, run)
+    equations, model = LogEquations(MECHANISM, run), LogModel(MECHANISM, run)
     observed = observations(model, run, 4000)
     assert closed is not None and closed.closes and observed is not None
     point = start(model, run, observed).with_candidates(equations, column_kernels(equations))
@@ -708,7 +708,7 @@ def test_causes_move_the_rows_as_the_integrator_does(step: Step) -> None:
     errors = []
     for h in (4e-3, 2e-3):
         run = log(step, h, duration=0.4)
-        model = Model(MECHANISM, run)
+        model = LogModel(MECHANISM, run)
         evaluator = LogEquations(MECHANISM, run)
         rows = observations(model, run, 1000)
         assert rows is not None

@@ -19,7 +19,7 @@ from deltac.diagnosis.inference.integrators import (
     steps_between,
     transition,
 )
-from deltac.diagnosis.inference.model import Intervals, Model
+from deltac.diagnosis.inference.model import Intervals, LogModel
 from tests.support.slow import repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, log
 
@@ -30,9 +30,11 @@ STEP = 0.004
 Off = dict[str, float]
 
 
-def between_rows(run: dc.Trajectory, kind: str = "smooth") -> tuple[Model, Intervals, ForceBetween]:
+def between_rows(
+    run: dc.Trajectory, kind: str = "smooth"
+) -> tuple[LogModel, Intervals, ForceBetween]:
     """The intervals of a log, with all forces of a kind."""
-    model = Model(MECHANISM, run)
+    model = LogModel(MECHANISM, run)
     rows = model.rows(run)
     intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
     kinds = (kind,) * rows.F.shape[1]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import deltac as dc
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 
 
@@ -23,7 +23,7 @@ def test_numbers_that_stay_within_their_last_digit_share_one_rounding() -> None:
     q = np.round(exact.q, 4)
     names: dict[str, Any] = {"coordinates": exact.coordinates, "speeds": exact.speeds}
     run = dc.Trajectory(t=exact.t, q=q, u=exact.u, **names)
-    observed = observations(Model(mechanism, run), run, 400)
+    observed = observations(LogModel(mechanism, run), run, 400)
     assert observed is not None and len(observed.intervals.h) < 500
     runs = [len(list(group)) for _, group in groupby(q[:, 0])]
     alike = np.repeat(runs, runs)

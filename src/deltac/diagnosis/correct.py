@@ -21,7 +21,7 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import NORMAL_95, Audit, audit
 from deltac.diagnosis.inference.flow import composed, predict, transitions
 from deltac.diagnosis.inference.forces import LoggedForce
-from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inputs.logs import LogLike
 from deltac.diagnosis.measurements.kinematics import SHORTEST_PART
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -121,7 +121,7 @@ def correct_trajectory(
     if run.events:
         raise _refused("the log has impacts or switches, across which no error can be followed")
     run = replace(run, forces=_outer_forces(mechanism, run))
-    model_of_rows = Model(mechanism, run)
+    model_of_rows = LogModel(mechanism, run)
     rows = model_of_rows.rows(run)
     smooth = ("smooth",) * rows.F.shape[1]
     forces = smooth if result.inference is None else result.inference.forces
@@ -190,7 +190,9 @@ def _outer_forces(mechanism: Mechanism, run: Trajectory) -> dict[ChannelName, Ar
     }
 
 
-def _error(model: Model, rows: Rows, forces: tuple[str, ...], noise: Array) -> tuple[Array, Array]:
+def _error(
+    model: LogModel, rows: Rows, forces: tuple[str, ...], noise: Array
+) -> tuple[Array, Array]:
     """The error (T, 2n) of rows against the motion through the first of them, to first order; its deviation.
 
     The `noise` (2n,) of the first row moves the whole motion, and so does the flow's own error, which may be
@@ -223,7 +225,7 @@ def _sizes(rows: Rows) -> Array:
     )
 
 
-def _moved(model: Model, rows: Rows, by: Array) -> Rows:
+def _moved(model: LogModel, rows: Rows, by: Array) -> Rows:
     """Rows displaced by (T, 2n), back on the constraints."""
     q = model.moved(rows.q, by[:, : model.n], np.ones((len(by), 1)))
     u = rows.u + by[:, model.n :]

@@ -24,7 +24,7 @@ from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.result import Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
@@ -651,7 +651,7 @@ def _inferred(
         return begun, None
     asked = not any(f.kind == "filtered" for f in log.findings)
     asked = asked and not limit.passed("a filter of the log")
-    model = Model(mechanism, rows)
+    model = LogModel(mechanism, rows)
     inference, through = None, unfiltered(model, rows) if asked else None
     if through is None:
         inference = begun.with_causes(limit, lacking)

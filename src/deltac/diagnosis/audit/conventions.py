@@ -22,7 +22,7 @@ from deltac.arrays import SAME, Array
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer, infer_alone
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
 from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual
 from deltac.diagnosis.verdict import Finding, Weight
@@ -152,7 +152,7 @@ def _best(
 ) -> Finding | None:
     """The reading that takes nearly all away of what the equations leave, if one does."""
     part = _some(run)
-    model = Model(mechanism, part)
+    model = LogModel(mechanism, part)
     was = _left(model, part, inference)
     residuals = np.array([_left(model, reading.of(part), inference) for reading in readings])
     # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
@@ -193,7 +193,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     if not single or len(single) > MANY_COLUMNS or (built and inference.closes):
         return None
     part = _some(run)
-    was = _left(Model(mechanism, part), part, inference)
+    was = _left(LogModel(mechanism, part), part, inference)
     trials: list[tuple[float, Joint, str, Mechanism]] = []
     for joint in single:
         for name, axis in zip("xyz", np.eye(3)):
@@ -203,7 +203,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
             joints = tuple(turned if j is joint else j for j in mechanism.joints)
             with suppress(InputError):  # a body may have no inertia about that axis
                 other = replace(mechanism, joints=joints)
-                trials.append((_left(Model(other, part), part, inference), joint, name, other))
+                trials.append((_left(LogModel(other, part), part, inference), joint, name, other))
     if not trials:
         return None
     residual, joint, name, other = min(trials, key=lambda item: item[0])
@@ -244,7 +244,7 @@ def _some(run: Trajectory) -> Trajectory:
     )
 
 
-def _left(model: Model, run: Trajectory, inference: Inference) -> float:
+def _left(model: LogModel, run: Trajectory, inference: Inference) -> float:
     """What the equations leave of the accelerations, in the mass metric: by a step from row to row.
 
     Forces act as in the inference.

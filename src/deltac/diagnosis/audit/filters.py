@@ -24,7 +24,7 @@ from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.inference import LEAST_ROWS
 from deltac.diagnosis.inference.integrators import INTEGRATORS, transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
@@ -132,7 +132,7 @@ BETWEEN_ROWS = ("smooth", "start")
 class _FilteredRows:
     """Rows of a log that went through a filter, perhaps by equations with causes of these columns in them."""
 
-    model: Model
+    model: LogModel
     run: Trajectory
     kernels: tuple[ColumnKernels, ...]
 
@@ -255,7 +255,7 @@ def _likely(rows: _FilteredRows) -> list[_Fit]:
 
 
 def unfiltered(
-    model: Model, run: Trajectory, kernels: tuple[ColumnKernels, ...] = ()
+    model: LogModel, run: Trajectory, kernels: tuple[ColumnKernels, ...] = ()
 ) -> tuple[Trajectory, Finding] | None:
     """What went into the filter of a log, if it follows itself; None for no filter.
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import SIX_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate
-from deltac.diagnosis.inference.comparison import Comparison
+from deltac.diagnosis.inference.comparison import HypothesisComparison
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER
 from deltac.diagnosis.inference.forces import InterpolatedForces, impulse
 from deltac.diagnosis.inference.hypotheses import (
@@ -49,7 +49,7 @@ HALF = 0.6
 would: two of them hold either, with a fifth to spare for what is not linear in it."""
 
 
-def integrator_estimate(comparison: Comparison) -> IntegratorEstimate:
+def integrator_estimate(comparison: HypothesisComparison) -> IntegratorEstimate:
     """The integrator, by methods whose maps close the rows, or by its numbers."""
     log = comparison.point.log
     if comparison.maps:
@@ -61,7 +61,9 @@ def integrator_estimate(comparison: Comparison) -> IntegratorEstimate:
     return estimate(c[some], covariance[some, some], comparison.point.flow.plant.damped, log.step)
 
 
-def integrator_share(comparison: Comparison, disputed: Array) -> tuple[Share, Array, float]:
+def integrator_share(
+    comparison: HypothesisComparison, disputed: Array
+) -> tuple[Share, Array, float]:
     """The integrator's share of ΔC, what neither it nor the causes do to the rows (N, 2n), and an error.
 
     The latter is that of the share by forces between the rows. `disputed` joules (N,) may be a mistake's.
@@ -80,7 +82,7 @@ def integrator_share(comparison: Comparison, disputed: Array) -> tuple[Share, Ar
     return Share(share.curve, np.linalg.norm(each, axis=0)), residual, between
 
 
-def _of_methods(comparison: Comparison) -> tuple[Share, Array, float]:
+def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     """The share of methods whose maps close the rows."""
     at, point = comparison.at, comparison.point
     log, defects, methods = point.log, comparison.defects, comparison.methods
@@ -107,7 +109,7 @@ def _of_methods(comparison: Comparison) -> tuple[Share, Array, float]:
     return Share(curves[0], np.hypot(spread, beyond)), residual, between
 
 
-def _of_series(comparison: Comparison) -> tuple[Share, Array, float]:
+def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     """The share of an unknown integrator by its fields, and by what their series leaves out."""
     at, point, fields = comparison.at, comparison.point, comparison.at.fields
     log, unknown, beyond = point.log, point.noise, point.noise.beyond
@@ -139,7 +141,7 @@ def _of_series(comparison: Comparison) -> tuple[Share, Array, float]:
 
 
 def disputed_joules(
-    comparison: Comparison, integrator: IntegratorEstimate, unseen: dict[str, float]
+    comparison: HypothesisComparison, integrator: IntegratorEstimate, unseen: dict[str, float]
 ) -> Array:
     """Joules (N,) of the integrator's fields that a mistake which does the same to the rows may have made.
 
@@ -161,7 +163,9 @@ def disputed_joules(
     return np.minimum(np.abs(joules), max(most, default=0.0))
 
 
-def equations_share(comparison: Comparison, residual: Array, unseen: dict[str, float]) -> Share:
+def equations_share(
+    comparison: HypothesisComparison, residual: Array, unseen: dict[str, float]
+) -> Share:
     """The share of mistakes in the equations."""
     at, point, posterior = comparison.at, comparison.point, comparison.posterior
     moved = comparison.effects + point.model.difference(point.nominal.end, point.flow.end)
@@ -178,7 +182,7 @@ def equations_share(comparison: Comparison, residual: Array, unseen: dict[str, f
 
 
 def attributed(
-    comparison: Comparison, integrator: Share, equations: Share
+    comparison: HypothesisComparison, integrator: Share, equations: Share
 ) -> tuple[Attribution, float]:
     """ΔC of the rows in three shares, the log's being the rest; and the joules that nothing explains."""
     at, point = comparison.at, comparison.point
@@ -220,7 +224,7 @@ def _of_scatter(work: Array) -> Array:
 
 
 def of_scattered_steps(
-    comparison: Comparison,
+    comparison: HypothesisComparison,
     parts: Attribution,
     residual: Array,
     disputed: Array,
@@ -243,7 +247,7 @@ def of_scattered_steps(
     return replace(parts, integrator=integrator, log=replace(parts.log, curve=of_log)), blows
 
 
-def _of_causes(comparison: Comparison, fit: Fit, of_log: bool = False) -> Share:
+def _of_causes(comparison: HypothesisComparison, fit: Fit, of_log: bool = False) -> Share:
     """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
     at, point = comparison.at, comparison.point
     power, chosen, log = at.power[:, at.fields :], fit.chosen, point.log
@@ -267,7 +271,9 @@ def _of_causes(comparison: Comparison, fit: Fit, of_log: bool = False) -> Share:
     return Share(curve, np.sqrt(spread))
 
 
-def _on_path(comparison: Comparison, share: Share, defects: Array, residual: Array) -> Share:
+def _on_path(
+    comparison: HypothesisComparison, share: Share, defects: Array, residual: Array
+) -> Share:
     """A share with the errors of its weights, and of the path.
 
     As much of the share as of the motion is not known: a defect on another path is another one.
@@ -284,7 +290,7 @@ def _on_path(comparison: Comparison, share: Share, defects: Array, residual: Arr
 # --- what else the same rows may be of ---
 
 
-def _other_forces(comparison: Comparison) -> Iterator[Array]:
+def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
     By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
@@ -320,7 +326,7 @@ def _other_forces(comparison: Comparison) -> Iterator[Array]:
             yield -HALF * log.running(at.work(moved))
 
 
-def _other_states(comparison: Comparison) -> tuple[tuple[Map, Observations], ...]:
+def _other_states(comparison: HypothesisComparison) -> tuple[tuple[Map, Observations], ...]:
     """Methods that close coordinates alone as well as the one found, each with speeds of its own."""
     states = comparison.point.states
     names = [method.name for method in comparison.methods]
@@ -367,7 +373,7 @@ def unseen_joules(
     return joules
 
 
-def generic_equations(comparison: Comparison) -> Generic:
+def generic_equations(comparison: HypothesisComparison) -> Generic:
     """All columns of causes together against the best set, with the joules of what they explain beyond it."""
     at, point, best = comparison.at, comparison.point, comparison.posterior.best
     odds, explained, further = beyond_causes(comparison.blocks[0], best)
@@ -388,7 +394,9 @@ def name_of(c: Candidate) -> str:
     return f"{c.kind} {c.element}".strip()
 
 
-def intermittent_force(comparison: Comparison, residual: Array) -> tuple[float, NDArray[np.bool_]]:
+def intermittent_force(
+    comparison: HypothesisComparison, residual: Array
+) -> tuple[float, NDArray[np.bool_]]:
     """Log odds that something acts from time to time, and when; none where logged forces may be that.
 
     Forces that were not declared to be held may do otherwise between two rows, as those of contacts at

@@ -51,7 +51,7 @@ STILL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class HypothesisComparison:
     """Hypotheses compared at a point.
 
     at         the regression that they are compared by
@@ -136,7 +136,7 @@ class Comparison:
         return self.at.of_causes @ (self.posterior.best.coefficients - self.point.coefficients)
 
 
-def compared(point: Point, before: Posterior | None = None) -> Comparison:
+def compared(point: Point, before: Posterior | None = None) -> HypothesisComparison:
     """The comparison at a point, and at the likeliest states where the log has no speeds.
 
     `before`: causes found at another point, of which the numbers are fitted anew. The iterated smoother is
@@ -156,7 +156,7 @@ def compared(point: Point, before: Posterior | None = None) -> Comparison:
     return comparison
 
 
-def _compared(point: Point, before: Posterior | None) -> Comparison:
+def _compared(point: Point, before: Posterior | None) -> HypothesisComparison:
     """The comparison of causes with what the series may leave out, or with what it is likely to."""
     at = regression(point)
     comparison = _compared_by(at, before)
@@ -171,7 +171,7 @@ def _compared(point: Point, before: Posterior | None) -> Comparison:
     return other if closes or alone or likelier else comparison
 
 
-def _compared_by(at: Regression, before: Posterior | None) -> Comparison:
+def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparison:
     """The comparison of causes, beside an unknown integrator or a method whose map closes the rows."""
     point = at.point
     measured = _measured(at, before) if point.accelerations_known else None
@@ -193,10 +193,10 @@ def _compared_by(at: Regression, before: Posterior | None) -> Comparison:
                 doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
                 gain = np.inf if posterior.best.chosen and doubt else gain
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
-                own = Comparison(at, point, other, series, rows, tuple(likely), promising)
+                own = HypothesisComparison(at, point, other, series, rows, tuple(likely), promising)
                 return own if measured else _with_noise_left(own, before)
         promising = promising or first
-    return Comparison(at, point, posterior, series, series, (), promising)
+    return HypothesisComparison(at, point, posterior, series, series, (), promising)
 
 
 def _measured(at: Regression, before: Posterior | None) -> tuple[Block, Posterior]:
@@ -224,7 +224,9 @@ def _of_series(at: Regression, before: Posterior | None) -> tuple[Posterior, Blo
     return searched(at, series, before), series
 
 
-def _with_noise_left(comparison: Comparison, before: Posterior | None) -> Comparison:
+def _with_noise_left(
+    comparison: HypothesisComparison, before: Posterior | None
+) -> HypothesisComparison:
     """The comparison with the noise that a method that closes the rows leaves of them, if that is less.
 
     What another integrator does looked like noise.
@@ -239,7 +241,7 @@ def _with_noise_left(comparison: Comparison, before: Posterior | None) -> Compar
     return replace(comparison, point=point, rows=rows, posterior=searched(at, rows, before))
 
 
-def _at_promising(comparison: Comparison) -> Comparison:
+def _at_promising(comparison: HypothesisComparison) -> HypothesisComparison:
     """The comparison, or one linearised at causes beside which a method leaves but their squares.
 
     The fields of an unknown integrator explain much: by the squares alone it would be preferred.
@@ -268,7 +270,7 @@ def _at_promising(comparison: Comparison) -> Comparison:
     return comparison
 
 
-def _at_likeliest_states(comparison: Comparison) -> Point:
+def _at_likeliest_states(comparison: HypothesisComparison) -> Point:
     """The point at the likeliest states beside causes, of a method or of the integrator's fields."""
     at, point, rows = comparison.at, comparison.point, comparison.rows
     best, flow, Phi = comparison.posterior.best, point.flow, at.innovations.Phi

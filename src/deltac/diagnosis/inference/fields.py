@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.model import LogModel, Rows
 
 FIRST, SECOND = 1e-4, 1e-3
 """Lengths of differences, of states of unit size, for first and second derivatives: rounding and the next
@@ -55,7 +55,7 @@ class _Derivatives:
     held, which is chosen for the log (`flow.FORCES`).
     """
 
-    def __init__(self, model: Model, at: Rows) -> None:
+    def __init__(self, model: LogModel, at: Rows) -> None:
         self.model, self.rows = model, at
         self.a = model.at(at)
 
@@ -120,7 +120,7 @@ def _undamped(D: _Derivatives) -> list[tuple[Array, Array]]:
     ]  # fmt: skip
 
 
-def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
+def elementary_differentials(model: LogModel, at: Rows, h: Array) -> Array:
     """F_i h^p_i (N, 2n, fields) at states, h (N, 1) the integrator's step."""
     D = _Derivatives(model, at)
     a, zero, da = D.a, np.zeros_like(D.a), D.of_dampers(D.a)
@@ -137,7 +137,7 @@ def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
     return np.concatenate([_stacked(first) * size, _stacked(second) * size**2], axis=2)
 
 
-def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
+def first_order_jacobian(model: LogModel, at: Rows, h: Array, c: Array) -> Array:
     """∂/∂x (N, 2n, 2n) of Σ c_i h F_i, of first order: what the integrator makes of errors of a row."""
     n, J = model.n, np.empty((len(at.t), 2 * model.n, 2 * model.n))
 

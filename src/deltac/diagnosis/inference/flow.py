@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
-from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 DOUBLINGS = 4
@@ -46,7 +46,7 @@ class Prediction:
 
 
 def predict(
-    model: Model,
+    model: LogModel,
     intervals: Intervals,
     force: ForceBetween,
     noise: Array,
@@ -97,7 +97,7 @@ def _sizes(intervals: Intervals) -> Array:
 
 
 def runge_kutta(
-    model: Model,
+    model: LogModel,
     tableau: Tableau,
     at: Rows,
     h: Array,
@@ -130,7 +130,7 @@ def runge_kutta(
 
 
 def _flow(
-    model: Model,
+    model: LogModel,
     intervals: Intervals,
     force: ForceBetween,
     count: int,
@@ -154,7 +154,7 @@ def _flow(
 
 
 def _flow_alike(
-    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
+    model: LogModel, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
 ) -> list[Rows]:
     """The same where all intervals have as many parts."""
     tableau = tableau_of("ode8")

@@ -31,7 +31,7 @@ from deltac.diagnosis.inference.attribution import (
     of_scattered_steps,
     unseen_joules,
 )
-from deltac.diagnosis.inference.comparison import Comparison, compared
+from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     Fit,
@@ -51,7 +51,7 @@ from deltac.diagnosis.inference.interpolation import (
     with_likeliest_forces,
 )
 from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, FlowError, Point, start
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import by_accelerations
@@ -131,7 +131,7 @@ def closed(
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
-    model = Model(mechanism, run)
+    model = LogModel(mechanism, run)
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
     points = list[Point]()
@@ -148,7 +148,7 @@ def closed(
 
 def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
     """The inference without causes: what an integrator and noise leave; None as for `infer`."""
-    model = Model(mechanism, run)
+    model = LogModel(mechanism, run)
     log = observations(model, run, MOST_ROWS)
     if log is None:
         return None
@@ -160,7 +160,7 @@ def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
 
 
 def _closed(
-    model: Model, run: Trajectory, equations: LogEquations, kernels: ColumnKernels, energy: float
+    model: LogModel, run: Trajectory, equations: LogEquations, kernels: ColumnKernels, energy: float
 ) -> Inference | Point | None:
     """The result of rows that follow from each other without a cause; else the point to begin at; or None."""
     products = 2 * model.n * len(kernels.columns) ** 2
@@ -251,7 +251,10 @@ def _with_excluded(alone: Inference, sample: Inference) -> Inference:
 
 
 def _by_accelerations(
-    alone: Inference, comparison: Comparison, equations: LogEquations, kernels: ColumnKernels
+    alone: Inference,
+    comparison: HypothesisComparison,
+    equations: LogEquations,
+    kernels: ColumnKernels,
 ) -> Inference:
     """The result of a log whose accelerations close, with how large the mistakes are that some rows hide.
 
@@ -321,7 +324,7 @@ def _with_causes(
         return None
 
 
-def _closing_alone(point: Point, found: Comparison) -> Comparison | None:
+def _closing_alone(point: Point, found: HypothesisComparison) -> HypothesisComparison | None:
     """A method that closes the rows without causes, as likely as another with those found; None for none.
 
     All columns of causes beside a method near the right one leave less than the right one alone.
@@ -336,7 +339,7 @@ def _closing_alone(point: Point, found: Comparison) -> Comparison | None:
     return alone if odds[0] < odds[1] + CERTAIN else None
 
 
-def likeliest(point: Point, before: Comparison | None = None) -> Comparison:
+def likeliest(point: Point, before: HypothesisComparison | None = None) -> HypothesisComparison:
     """The comparison of causes where logged forces act as is likeliest.
 
     What mistakes do looks like filters and those like mistakes: filters are asked for beside causes. Where a
@@ -362,14 +365,14 @@ def likeliest(point: Point, before: Comparison | None = None) -> Comparison:
     return comparison
 
 
-def _in_equations(comparison: Comparison) -> Fit:
+def _in_equations(comparison: HypothesisComparison) -> Fit:
     """The best causes that are of the equations, alone: what forces do is asked anew."""
     chosen = [c for c in comparison.posterior.best.chosen if c.kind not in OF_THE_LOG]
     fit = fitted(comparison.blocks, chosen) if chosen else None
     return fit or nothing(len(comparison.point.coefficients))
 
 
-def _relinearised(comparison: Comparison) -> Comparison:
+def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     """The comparison with causes linearised at themselves: what they do is not linear in their size.
 
     Causes of the geometry are built into the model. To first order one may look like another: each that does
@@ -410,20 +413,20 @@ def _relinearised(comparison: Comparison) -> Comparison:
     return _beside(_at_causes(point, first.posterior) or comparison, point, others)
 
 
-def _rank(comparison: Comparison) -> tuple[int, int]:
+def _rank(comparison: HypothesisComparison) -> tuple[int, int]:
     """Numbers of the causes, and their rank: the smallest are preferred."""
     best = comparison.posterior.best
     numbers = sum(c.size for c in best.chosen)
     return numbers, sum(c.rank(x) for c, x in zip(best.chosen, best.theta, strict=True))
 
 
-def _nothing_left(comparison: Comparison) -> bool:
+def _nothing_left(comparison: HypothesisComparison) -> bool:
     """Whether the causes leave what digits alone make."""
     block = comparison.blocks[0]
     return block.misfit(comparison.posterior.best.coefficients) <= KNOWN * block.least
 
 
-def _log_odds(comparisons: Sequence[Comparison]) -> Array:
+def _log_odds(comparisons: Sequence[HypothesisComparison]) -> Array:
     """Log evidence of each, integrator and noise included, by rows that forget as slowly as those of any."""
     tau = max(one.tau for one in comparisons)
     blocks = [one.blocks[0] for one in comparisons]
@@ -431,7 +434,7 @@ def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
-def _at_causes(point: Point, found: Posterior) -> Comparison | None:
+def _at_causes(point: Point, found: Posterior) -> HypothesisComparison | None:
     """The comparison at causes that were found elsewhere; None where they do not move, or are not told apart.
 
     Their numbers settle by their own columns first: all others cost several times as much.
@@ -447,7 +450,7 @@ def _at_causes(point: Point, found: Posterior) -> Comparison | None:
     return _settled(quiet, alone.posterior) or whole
 
 
-def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
+def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:
     """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
     A `rival` goes on as long as a step takes away more than it leaves, and the one before did: what it leaves
@@ -478,7 +481,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison 
 
 def _linearised(
     point: Point, found: Posterior, methods: tuple[Integrator, ...] = ()
-) -> Comparison | None:
+) -> HypothesisComparison | None:
     """The comparison linearised at causes; None where these are not told apart there."""
     for delay, spread in _late_forces(point, found.best):
         if abs(delay) > WITHIN_A_ROW * point.log.step or point.forces.filter is not None:
@@ -494,7 +497,7 @@ def _linearised(
     return moved if len(best.each) == len(best.chosen) else None
 
 
-def _rivals(comparison: Comparison) -> list[Posterior]:
+def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
     """Causes that explain most of what is left to first order, of each the likeliest in so many numbers."""
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
     if not any(c.edit is not None for _, c, _ in scores):
@@ -511,7 +514,9 @@ def _rivals(comparison: Comparison) -> list[Posterior]:
     return [Posterior(fit, (), ()) for fit in least.values()]
 
 
-def _beside(built: Comparison, point: Point, equal: Sequence[Comparison]) -> Comparison:
+def _beside(
+    built: HypothesisComparison, point: Point, equal: Sequence[HypothesisComparison]
+) -> HypothesisComparison:
     """The comparison of further causes beside one that is built; others that were built explain as much."""
     best = built.posterior.best
     if len(best.chosen) != 1:
@@ -549,7 +554,7 @@ def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:
     return [(float(d), float(np.sqrt(max(s - d**2, least)))) for d, s in late]
 
 
-def _of_steps(comparison: Comparison, result: Inference) -> Inference:
+def _of_steps(comparison: HypothesisComparison, result: Inference) -> Inference:
     """The result, with what is left as errors of steps where most of it is of no force.
 
     A force moves coordinates by what it moves speeds, times half the interval. Errors of a step that an
@@ -577,7 +582,9 @@ def _of_steps(comparison: Comparison, result: Inference) -> Inference:
     return replace(of_steps, attribution=parts, disputed=disputed)
 
 
-def inferred(comparison: Comparison, scattered: bool = False, agreed: bool = False) -> Inference:
+def inferred(
+    comparison: HypothesisComparison, scattered: bool = False, agreed: bool = False
+) -> Inference:
     """What a comparison says of a log.
 
     `scattered`: what is left is of steps of many sizes, but for blows, unless accelerations `agreed`.

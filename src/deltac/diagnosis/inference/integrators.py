@@ -23,7 +23,7 @@ from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
-from deltac.diagnosis.inference.model import AT_ONCE, Intervals, Model, Rows
+from deltac.diagnosis.inference.model import AT_ONCE, Intervals, LogModel, Rows
 from deltac.results import SHOWN
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
@@ -43,10 +43,10 @@ def _second(twice: float, chain: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-Step: TypeAlias = Callable[[Model, Rows, Array, ForceInStep], tuple[Array, Array]]
+Step: TypeAlias = Callable[[LogModel, Rows, Array, ForceInStep], tuple[Array, Array]]
 """q and u after a step of length h (N, 1) from rows."""
 
-Defect: TypeAlias = Callable[[Model, Rows, Rows, Array], tuple[Array, Array]]
+Defect: TypeAlias = Callable[[LogModel, Rows, Rows, Array], tuple[Array, Array]]
 """What an implicit method would have for q and u at the end of the step, given both rows."""
 
 
@@ -94,7 +94,7 @@ class Directions:
         return np.asarray(x - self.basis @ (self.basis.T @ x))
 
 
-Memory: TypeAlias = Callable[[Model, Intervals, Directions], Remembered | None]
+Memory: TypeAlias = Callable[[LogModel, Intervals, Directions], Remembered | None]
 """Of a model and intervals; None for rows of no method of the family."""
 
 
@@ -105,7 +105,7 @@ KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0
 def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     """A Runge–Kutta method; `on_group`: rotations are moved by exponentials, as MuJoCo does."""
 
-    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    def step(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         own = tableau_of(tableau) if isinstance(tableau, str) else tableau
         assert own is not None
         return runge_kutta(model, own, at, h, force, on_group)
@@ -113,7 +113,7 @@ def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     return step
 
 
-def _kick_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+def _kick_first(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     u = at.u + h * model.acceleration(at.t, at.q, at.u, force(0.0))
     return model.moved(at.q, u, h), u
 
@@ -121,27 +121,33 @@ def _kick_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[A
 def _drift_first(time: float) -> Step:
     """The place after the step, then the acceleration there, of forces at a time: 0 before it, 1 after it."""
 
-    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    def step(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         q = model.moved(at.q, at.u, h)
         return q, at.u + h * model.acceleration(at.t + time * h[:, 0], q, at.u, force(time))
 
     return step
 
 
-def _kick_drift_kick(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+def _kick_drift_kick(
+    model: LogModel, at: Rows, h: Array, force: ForceInStep
+) -> tuple[Array, Array]:
     half = at.u + 0.5 * h * model.acceleration(at.t, at.q, at.u, force(0.0))
     q = model.moved(at.q, half, h)
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
 
-def _velocity_verlet(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+def _velocity_verlet(
+    model: LogModel, at: Rows, h: Array, force: ForceInStep
+) -> tuple[Array, Array]:
     a = model.acceleration(at.t, at.q, at.u, force(0.0))
     q = model.moved(at.q, at.u + 0.5 * h * a, h)
     after = model.acceleration(at.t + h[:, 0], q, at.u + h * a, force(1.0))
     return q, at.u + 0.5 * h * (a + after)
 
 
-def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+def _drift_kick_drift(
+    model: LogModel, at: Rows, h: Array, force: ForceInStep
+) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, 0.5 * h)
     u = at.u + h * model.acceleration(at.t + 0.5 * h[:, 0], q, at.u, force(0.5))
     return model.moved(q, u, 0.5 * h), u
@@ -150,7 +156,7 @@ def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> t
 def _by_quaternions(step: Step) -> Step:
     """A method in which rotations are moved as quaternions are added, not by exponentials."""
 
-    def other(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    def other(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         return step(model.by_quaternions(), at, h, force)
 
     return other
@@ -159,7 +165,7 @@ def _by_quaternions(step: Step) -> Step:
 def _implicit_in(whole: bool) -> Step:
     """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
 
-    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    def step(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
         units = np.eye(model.n)[:, None]
@@ -184,19 +190,19 @@ def _implicit_in(whole: bool) -> Step:
 def _implicit_euler(time: float) -> Defect:
     """The acceleration is that after the step, of forces at a time: 0 before it, as if held, 1 after it."""
 
-    def defect(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
         F = end.F if time else at.F
         return model.moved(at.q, end.u, h), at.u + h * model.acceleration(end.t, end.q, end.u, F)
 
     return defect
 
 
-def _trapezoidal(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+def _trapezoidal(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
     u = at.u + 0.5 * h * (model.at(at) + model.at(end))
     return model.moved(at.q, 0.5 * (at.u + end.u), h), u
 
 
-def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+def _implicit_midpoint(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
     mean = 0.5 * (at.u + end.u)
     q = model.moved(at.q, mean, 0.5 * h)
     a = model.acceleration(0.5 * (at.t + end.t), q, mean, 0.5 * (at.F + end.F))
@@ -209,7 +215,7 @@ def _first_of_stretches(intervals: Intervals) -> NDArray[np.intp]:
     return np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
 
 
-def _adams_bashforth(model: Model, intervals: Intervals, _: Directions) -> Remembered:
+def _adams_bashforth(model: LogModel, intervals: Intervals, _: Directions) -> Remembered:
     """The explicit method of two steps; of what was before the first row, the next one tells."""
     at, end, h, places = intervals.start, intervals.end, intervals.h, np.arange(len(intervals))
     first = places == _first_of_stretches(intervals)
@@ -246,7 +252,7 @@ def _generalized_alpha(
     family, and a at the first row, are those by which the speeds follow most closely beside all causes.
     """
 
-    def after(model: Model, intervals: Intervals, directions: Directions) -> Remembered | None:
+    def after(model: LogModel, intervals: Intervals, directions: Directions) -> Remembered | None:
         at, end, h = intervals.start, intervals.end, intervals.h
         F = end.F if later else at.F  # as if held
         before, behind = model.at(at), model.acceleration(end.t, end.q, end.u, F)
@@ -460,7 +466,7 @@ class Map:
 
 
 def maps(
-    model: Model,
+    model: LogModel,
     intervals: Intervals,
     force: ForceBetween,
     counts: NDArray[np.intp] | None,
@@ -502,7 +508,7 @@ def maps(
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))
 
 
-def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:
+def transition(model: LogModel, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
     if of.method.step is None or model.n > MOST_SPEEDS:
         return None
@@ -618,7 +624,7 @@ MOST_SPEEDS = 12
 
 
 def _repeated(
-    model: Model,
+    model: LogModel,
     method: Integrator,
     intervals: Intervals,
     force: ForceBetween,
@@ -639,7 +645,7 @@ def _repeated(
 
 
 def _stepped(
-    model: Model, method: Integrator, intervals: Intervals, force: ForceBetween, count: int
+    model: LogModel, method: Integrator, intervals: Intervals, force: ForceBetween, count: int
 ) -> Rows:
     """The same of as many steps in all."""
     assert method.step is not None

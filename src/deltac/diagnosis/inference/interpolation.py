@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.comparison import LESS, Comparison, compared
+from deltac.diagnosis.inference.comparison import LESS, HypothesisComparison, compared
 from deltac.diagnosis.inference.forces import FORCES, HELD, InterpolatedForces, impulse
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, autocorrelation_time, nothing
 from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, Point
@@ -62,7 +62,7 @@ def with_filter(point: Point, best: Fit) -> Point:
     return point.filtered(*likeliest).with_columns().with_process_noise()
 
 
-def closed_by_other_forces(comparison: Comparison) -> Comparison:
+def closed_by_other_forces(comparison: HypothesisComparison) -> HypothesisComparison:
     """The comparison with forces that are held, or straight between rows, if a method closes the rows then.
 
     With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
@@ -84,7 +84,7 @@ def closed_by_other_forces(comparison: Comparison) -> Comparison:
     return likeliest
 
 
-def held_as_in(comparison: Comparison) -> Point:
+def held_as_in(comparison: HypothesisComparison) -> Point:
     """The point at which forces are held if the method takes those of each row alone; itself if they are.
 
     Between rows they are not seen then; whoever computes them once a step holds them. Who takes those of the

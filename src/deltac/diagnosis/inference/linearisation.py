@@ -48,7 +48,7 @@ from deltac.diagnosis.inference.integrators import (
     Map,
     maps,
 )
-from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import STIFFEST
@@ -90,7 +90,7 @@ class Flow:
     methods    whose maps are compared; all where empty
     """
 
-    plant: Model
+    plant: LogModel
     intervals: Intervals
     forces: InterpolatedForces
     noise: Array
@@ -235,15 +235,15 @@ class Built:
 
     causes: tuple[Candidate, ...]
     theta: tuple[Array, ...]
-    model: Model
-    others: tuple[Model, ...]
+    model: LogModel
+    others: tuple[LogModel, ...]
     kernels: tuple[ColumnKernels, ...]
     candidates: tuple[Candidate, ...]
     coefficients: Array
 
     @staticmethod
     def of(
-        model: Model,
+        model: LogModel,
         run: Trajectory,
         own: Sequence[Candidate],
         causes: Sequence[Candidate],
@@ -256,7 +256,7 @@ class Built:
             FlowError: there is no such mechanism.
         """
 
-        def built(some: Sequence[int]) -> Model:
+        def built(some: Sequence[int]) -> LogModel:
             mechanism = model.mechanism
             if not some:
                 return model
@@ -317,7 +317,7 @@ def cause_columns(
 
 
 def cause_responses(
-    model: Model,
+    model: LogModel,
     kernels: Sequence[ColumnKernels],
     built: Built | None,
     at: Rows,
@@ -503,7 +503,7 @@ class Point:
     states        methods that close coordinates alone alike, each with the log at its own states
     """
 
-    model: Model
+    model: LogModel
     run: Trajectory
     energy: float
     log: Observations
@@ -587,7 +587,7 @@ class Point:
         return self.own[1] if self.built is None else self.built.candidates
 
     @property
-    def base(self) -> Model:
+    def base(self) -> LogModel:
         """The model, with causes that are built into it."""
         return self.model if self.built is None else self.built.model
 
@@ -739,7 +739,7 @@ class Point:
         return np.array([c if x is None else x for c, x in zip(coefficients, own, strict=True)])
 
 
-def start(model: Model, run: Trajectory, log: Observations, energy: float = 0.0) -> Point:
+def start(model: LogModel, run: Trajectory, log: Observations, energy: float = 0.0) -> Point:
     """The point at the rows of a log and the model itself, without columns of causes.
 
     Intervals in which the flow leaves all bounds, as in singular positions, are left out.

@@ -154,7 +154,7 @@ def _damps(column: Column) -> bool:
     )
 
 
-class Model:
+class LogModel:
     """A mechanism with a log's forces: accelerations, mass matrix, constraints and energy at rows.
 
     Displacements and directions of the state have 2n components: along the n free speeds (of a quaternion,
@@ -186,9 +186,9 @@ class Model:
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
 
-    def of_mechanism(self, mechanism: Mechanism, run: Trajectory) -> Model:
+    def of_mechanism(self, mechanism: Mechanism, run: Trajectory) -> LogModel:
         """The same of another mechanism, with the same joints and channels."""
-        return Model(mechanism, run)
+        return LogModel(mechanism, run)
 
     def rows(self, run: Trajectory) -> Rows:
         """All rows of a run: free coordinates and speeds, forces as logged."""
@@ -217,7 +217,7 @@ class Model:
         change = change @ (share / np.maximum(share.sum(axis=0), 1.0)).T
         return tuple((F[:, None] + change).transpose(1, 0, 2))
 
-    def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> Model:
+    def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> LogModel:
         """The model with causes in its equations: coefficients (P,), of the columns of the first kernels."""
         other = copy(self)
         other.change = _Change(kernels, coefficients) if coefficients.any() else None
@@ -226,7 +226,7 @@ class Model:
         )
         return other
 
-    def by_quaternions(self) -> Model:
+    def by_quaternions(self) -> LogModel:
         """The model as programs have it that add ½ h q ⊗ ω to a quaternion, and normalise it."""
         other = copy(self)
         other.exponentials = False

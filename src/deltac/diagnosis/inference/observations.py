@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, ROUNDED, Array
 from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
-from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
 from deltac.diagnosis.measurements.kinematics import SHORTEST_PART, stretches
@@ -62,7 +62,7 @@ class Observations:
             return np.asarray(np.minimum(self.step, h))
         return np.asarray(h / self.counts[:, None])
 
-    def errors(self, model: Model, end: Rows, Phi: Array) -> Array:
+    def errors(self, model: LogModel, end: Rows, Phi: Array) -> Array:
         """Prediction errors (N, 2n) by the ends of a flow, or of a method's map, with its derivatives Φ.
 
         What the rows are beyond the states at which the flow is taken adds to them.
@@ -76,7 +76,7 @@ class Observations:
         """The whitener of prediction errors with these transition matrices and process noise."""
         return Innovations(self.pieces, Phi, self.noise, Q, not self.unknown.any())
 
-    def at(self, model: Model, errors: tuple[Array, Array]) -> Observations:
+    def at(self, model: LogModel, errors: tuple[Array, Array]) -> Observations:
         """With the flow taken at the states that rows with such errors (N, 2n) are of."""
         change = [e - b for e, b in zip(errors, self.beyond, strict=True)]
         ends = self.intervals.start, self.intervals.end
@@ -171,7 +171,7 @@ FINEST = 1e-6
 keep their digits."""
 
 
-def observations(model: Model, run: Trajectory, most: int) -> Observations | None:
+def observations(model: LogModel, run: Trajectory, most: int) -> Observations | None:
     """Stretches of at most so many rows, evenly over the log; None for too short a log."""
     edges = stretches(run)
     total = sum(b - a for a, b in edges)

@@ -19,7 +19,7 @@ from scipy.linalg import qr
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.model import LogModel, Rows
 from deltac.diagnosis.residuals.states import WELL_CONDITIONED
 from deltac.kernels.rows import RowExpression
 from deltac.mechanism.mechanism import Mechanism
@@ -35,11 +35,11 @@ SETS, MOST_SETS = 3, 300
 """Sets of independent coordinates that are tried, and of which these are chosen; of more there is one."""
 
 
-class Reduced(Model):
+class Reduced(LogModel):
     """A model whose state are independent coordinates with their rates."""
 
     def __init__(
-        self, model: Model, run: Trajectory, independent: Sequence[int] | NDArray[np.intp]
+        self, model: LogModel, run: Trajectory, independent: Sequence[int] | NDArray[np.intp]
     ) -> None:
         self.__dict__.update(model.__dict__)
         self.whole = model
@@ -148,7 +148,7 @@ class Reduced(Model):
         return np.stack(columns, axis=1)
 
 
-def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
+def reductions(model: LogModel, run: Trajectory) -> Iterator[Reduced]:
     """The model in sets of independent coordinates that tell the others all along the run.
 
     None where constraints are of speeds, coordinates are quaternions, or rows do not satisfy the constraints.

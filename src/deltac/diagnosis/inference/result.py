@@ -13,7 +13,7 @@ from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Posterior, deviation
 from deltac.diagnosis.inference.integrators import Integrator, IntegratorEstimate
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import Observations
 
 KNOWN = 4.0
@@ -129,7 +129,7 @@ class Inference:
         unbuilt: the inference to first order at the model itself, where causes were built into it.
     """
 
-    model: Model
+    model: LogModel
     log: Observations
     kernels: tuple[ColumnKernels, ...]
     forces: tuple[str, ...]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, filtfilt
 
@@ -24,11 +25,16 @@ from tests.support.slow import crossed, repeated
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2
 
-MECHANISM = dc.Mechanism(
-    [dc.point_mass("bob", 1.0)],
-    [dc.revolute("j", "ground", "bob", child_position=(0, LENGTH, 0), damping=DAMPING)],
-    gravity=(0, -G, 0),
-)
+
+def mechanism(g: float) -> dc.Mechanism:
+    return dc.Mechanism(
+        [dc.point_mass("bob", 1.0)],
+        [dc.revolute("j", "ground", "bob", child_position=(0, LENGTH, 0), damping=DAMPING)],
+        gravity=(0, -g, 0),
+    )
+
+
+MECHANISM = mechanism(G)
 
 
 def acceleration(q: float, u: float, torque: float) -> float:
@@ -87,9 +93,9 @@ def true_joules(x: Array, torques: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (np.array(ahead) + np.array(back)))])
 
 
-def log(x: Array, torques: Array, some: Array, **provenance: Any) -> dc.Trajectory:
+def log(x: Array, torques: Array, some: NDArray[np.intp], **provenance: Any) -> dc.Trajectory:
     return dc.Trajectory(
-        t=some * H, q=x[some, :1], u=x[some, 1:], coordinates=("j",), speeds=("j",),
+        t=H * some.astype(float), q=x[some, :1], u=x[some, 1:], coordinates=("j",), speeds=("j",),
         forces={"actuator motor": torques[some, None]},
         provenance=dc.Provenance("hand", **provenance),
     )  # fmt: skip
@@ -100,7 +106,7 @@ def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     step: Step, parts: int
 ) -> None:
     x, torques = motion(step)
-    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 1001, parts)))  # type: ignore[arg-type]
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 1001, parts)))
     assert audit.verdict.kind != "equation-error" and not audit.causes
     assert audit.inference is not None and audit.attribution is not None
     assert audit.inference.forces == ("step",)
@@ -116,7 +122,7 @@ def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -
     x, torques = motion(step)
     rng = np.random.default_rng(3)
     some = np.sort(rng.choice(1001, 500, replace=False))
-    audit = dc.audit(MECHANISM, log(x, torques, some))  # type: ignore[arg-type]
+    audit = dc.audit(MECHANISM, log(x, torques, some))
     assert not audit.causes and audit.attribution is not None
     curve = true_joules(x, torques)
     true, told = curve[some[-1]] - curve[some[0]], audit.attribution.integrator
@@ -124,6 +130,16 @@ def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -
     assert abs(told.energy - true) < 2.0 * told.error
     # A method of order four sees what forces do within its steps; one of order one does not.
     assert (told.error < 1e-10) == (step is rk4)
+
+
+@pytest.mark.parametrize("share", [0.95, 1.03])
+def test_gravity_is_told_from_what_imitates_it_beside_an_implicit_damper(share: float) -> None:
+    """Lengths, turns and zeros do nearly the same; each is linearised on its own until it settles or not."""
+    x, torques = motion(implicit_damping, 400)
+    found = dc.audit(mechanism(share * G), log(x, torques, np.arange(401, dtype=np.intp)))
+    assert found.verdict.kind == "equation-error"
+    assert found.causes[0].kind == "gravity"
+    assert found.causes[0].size == pytest.approx(1.0 / share, rel=1e-6)
 
 
 def test_a_stair_has_the_mean_of_its_line_half_a_step_later() -> None:
@@ -145,7 +161,7 @@ def test_a_method_implicit_in_the_damper_is_no_inertia_behind_a_filter() -> None
     x, torques = motion(implicit_damping)
     b, a = butter(2, 2.0 * 60.0 * H)
     smooth = filtfilt(b, a, x, axis=0)
-    audit = dc.audit(MECHANISM, log(smooth, torques, np.arange(50, 951), step=H))  # type: ignore[arg-type]
+    audit = dc.audit(MECHANISM, log(smooth, torques, np.arange(50, 951), step=H))
     assert audit.verdict.kind != "equation-error"
     assert not any("inertia" in c.kind or "moment" in c.kind for c in audit.causes)
 

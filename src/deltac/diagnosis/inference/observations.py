@@ -167,8 +167,8 @@ EVERY_STEP = 1.01
 """Rows further apart than so many steps of the integrator are not all of its steps."""
 
 FINEST = 1e-6
-"""Least noise of a column as a share of its prediction errors: what is finer is not needed, and covariances
-keep their digits."""
+"""Least noise of a column as a share of the median of its prediction errors: what is finer is not needed, and
+covariances keep their digits."""
 
 
 def observations(model: LogModel, run: Trajectory, most: int) -> Observations | None:

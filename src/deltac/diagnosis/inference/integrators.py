@@ -303,7 +303,7 @@ def _generalized_alpha(
         grid = np.linspace(low, high, COARSE)
         size = np.array([np.inf, *map(misfit, grid), np.inf])
         # Two parameters may do the same to the speeds, to second order in the step: coordinates tell them.
-        minima = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
+        minima = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
         found = [y for y in map(polished, grid[minima]) if low - SLIGHTLY < y < high + SLIGHTLY]
         if not found:
             return None

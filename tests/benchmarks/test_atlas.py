@@ -244,6 +244,7 @@ def test_models_that_cannot_be_run_are_rows_with_their_reason(tmp_path: Path) ->
     assert all(build.startswith(dc.__version__) for build in frame["build"])
 
 
+@pytest.mark.slow
 def test_a_model_that_brings_mujoco_down_is_a_row(tmp_path: Path) -> None:
     """A few lines that ask for more bodies than there is memory for."""
     grid = '<replicate count="4000" offset="1 0 0">' * 3 + "{}" + "</replicate>" * 3

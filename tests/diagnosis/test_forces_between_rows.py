@@ -132,7 +132,7 @@ def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -
     assert (told.error < 1e-10) == (step is rk4)
 
 
-@pytest.mark.parametrize("share", [0.95, 1.03])
+@pytest.mark.parametrize("share", repeated([0.95, 1.03], 0.95))
 def test_gravity_is_told_from_what_imitates_it_beside_an_implicit_damper(share: float) -> None:
     """Lengths, turns and zeros do nearly the same; each is linearised on its own until it settles or not."""
     x, torques = motion(implicit_damping, 400)

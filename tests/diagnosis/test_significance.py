@@ -69,7 +69,14 @@ def bounces(h: float, rows: int, every: int = 1) -> dc.Trajectory:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("share", "every"), [(0.985, 1), (0.97, 5), (0.99, 10)])
+@pytest.mark.parametrize(
+    ("share", "every"),
+    [
+        pytest.param(0.985, 1, marks=pytest.mark.slow),
+        (0.97, 5),
+        pytest.param(0.99, 10, marks=pytest.mark.slow),
+    ],
+)
 def test_a_floor_of_another_stiffness_is_told_by_the_rows_in_contact(
     share: float, every: int
 ) -> None:

@@ -293,8 +293,9 @@ def _generalized_alpha(
         def polished(x: float) -> float:
             """The nearest minimum, by Gauss and Newton; beyond the bounds where there is none."""
             for _ in range(POLISHING):
-                slope = (gap(x + SLIGHTLY) - gap(x - SLIGHTLY)) / (2.0 * SLIGHTLY)
-                x -= float(np.sum(slope * gap(x)) / (np.sum(slope**2) + EPS))
+                here, ahead = gap(x), gap(x + SLIGHTLY)
+                slope = (ahead - here) / SLIGHTLY
+                x -= float(np.sum(slope * here) / (np.sum(slope**2) + EPS))
                 if not low - SLIGHTLY < x < high + SLIGHTLY:
                     break
             return x

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import SAME, SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
 from deltac.diagnosis.inference.hypotheses import autocorrelation_time
@@ -237,7 +237,10 @@ def own_laws(
 def differing_channels(
     mechanism: Mechanism, log: Log, report: ImportReport | None, tolerance: float
 ) -> list[Finding]:
-    """Logged forces that are not the model's own, where that moves more energy than the tolerance."""
+    """Logged forces that are not the model's own, where that moves more energy than the tolerance.
+
+    Where a channel is all that the model lacks, and moves less, that is a note.
+    """
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
         return []
@@ -253,8 +256,11 @@ def differing_channels(
             continue
         power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
         energy = float(np.trapezoid(np.abs(power), t))
+        found = _difference(name, own, logged, energy, ledger.energy_exchanged)
         if energy > tolerance * ledger.energy_exchanged:
-            findings.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
+            findings.append(found)
+        elif own is None and energy > SIX_DIGITS * ledger.energy_exchanged:
+            findings.append(replace(found, weight="note"))
     return findings
 
 

@@ -399,7 +399,12 @@ def process_noise(
             return part
         w = log.errors(flow.plant, flow.end, Phi)[:, :, None]
         columns = np.concatenate([w, tangent.transported(tangent.fields)], axis=2)
-        share = max(SHARES, key=lambda x: likelihood_of(log, Phi, x**2 * part + others, columns))
+        share, likelihood = 0.0, -np.inf
+        for x in SHARES:  # it has one maximum
+            now = likelihood_of(log, Phi, x**2 * part + others, columns)
+            if now <= likelihood:
+                break
+            share, likelihood = x, now
         return share**2 * part
 
     Q = Q + likeliest(white, Q + between + across)

@@ -1,6 +1,6 @@
 """Small mistakes that many rows make certain, and large ones that act in a few of them.
 
-The runs are by the classical method of Runge and Kutta, written out here.
+The runs are by the classical method of Runge and Kutta, written out in the tests.
 """
 
 from __future__ import annotations
@@ -13,21 +13,9 @@ import pytest
 
 import deltac as dc
 from deltac.arrays import Array
+from tests.diagnosis.test_pendulum_logs import rk4
 
 G = 9.81
-
-Rate = Callable[[float, float], float]
-
-
-def stepped(rate: Rate, q: float, u: float, h: float) -> tuple[float, float]:
-    a, v = rate(q, u), u + h / 2 * rate(q, u)
-    b = rate(q + h / 2 * u, v)
-    w = u + h / 2 * b
-    c = rate(q + h / 2 * v, w)
-    x = u + h * c
-    d = rate(q + h * w, x)
-    return q + h / 6 * (u + 2 * v + 2 * w + x), u + h / 6 * (a + 2 * b + 2 * c + d)
-
 
 # --- a ball that is in contact in some of the rows ---
 
@@ -54,14 +42,15 @@ def ball(stiffness: float) -> dc.Mechanism:
 def bounces(h: float, rows: int, every: int = 1) -> dc.Trajectory:
     """Hertz's law with the damping of Hunt and Crossley."""
 
-    def rate(q: float, u: float) -> float:
-        depth = max(0.0, RADIUS - q)
-        return float(STIFFNESS * depth**1.5 * max(0.0, 1 - DISSIPATION * u) / MASS - G)
+    def rate(q: Array, u: Array) -> Array:
+        depth = np.maximum(0.0, RADIUS - q)
+        push = STIFFNESS * depth**1.5 * np.maximum(0.0, 1 - DISSIPATION * u)
+        return np.asarray(push / MASS - G)
 
     x = np.empty((rows, 2))
     x[0] = 0.45, 0.0
     for k in range(1, rows):
-        x[k] = stepped(rate, x[k - 1, 0], x[k - 1, 1], h)
+        x[k] = rk4(rate, x[k - 1, 0], x[k - 1, 1], h)
     x = x[::every]
     return dc.Trajectory(
         t=h * every * np.arange(len(x), dtype=float), q=x[:, :1], u=x[:, 1:],
@@ -108,8 +97,8 @@ def hinge(damping: float) -> dc.Mechanism:
     )
 
 
-def acceleration(torque: float, q: float, u: float) -> float:
-    return float((torque - DAMPING * u - MASS * G * ARM * np.sin(q)) / INERTIA)
+def acceleration(torque: float, q: Array, u: Array) -> Array:
+    return np.asarray((torque - DAMPING * u - MASS * G * ARM * np.sin(q)) / INERTIA)
 
 
 def driven(torque: Callable[[int], float], h: float, rows: int) -> tuple[Array, Array]:
@@ -118,7 +107,7 @@ def driven(torque: Callable[[int], float], h: float, rows: int) -> tuple[Array, 
     for k in range(rows):
         made[k] = tau = torque(k)
         if k + 1 < rows:
-            x[k + 1] = stepped(partial(acceleration, tau), x[k, 0], x[k, 1], h)
+            x[k + 1] = rk4(partial(acceleration, tau), x[k, 0], x[k, 1], h)
     return x, made
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import Candidate
-from deltac.diagnosis.inference.whitening import RIDGE
+from deltac.diagnosis.inference.whitening import inverse_sizes, least_squares
 
 CANCELLED = 512 * EPS
 """Share of a sum of squares below which differences of Gram matrices have no digits: roundings of 10⁵ numbers
@@ -98,7 +98,7 @@ class Block:
     def _spectrum(self) -> tuple[Array, Array, Array]:
         """Eigenvalues and vectors of the causes' Gram matrix beside the nuisance, in units of raw columns."""
         p = self.projected
-        d = _inverse_sizes(p.raw)
+        d = inverse_sizes(p.raw)
         values, vectors = np.linalg.eigh(d[:, None] * p.A * d)
         return values, vectors, d
 
@@ -142,7 +142,7 @@ class Block:
         n, c = self.nuisance, self.causes
         origin = self.origin if len(self.origin) else np.zeros(len(c))
         D = self.D.reshape(self.r.size, self.D.shape[-1])
-        s = _inverse_sizes(np.diag(A)[n] + self.variance / self.prior**2)
+        s = inverse_sizes(np.diag(A)[n] + self.variance / self.prior**2)
         ridge = np.diag(np.sqrt(self.variance) / self.prior)
         basis, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
         Q = basis[: len(D)]
@@ -252,21 +252,6 @@ class Projected:
     def nuisance_at(self, coefficients: Array) -> Array:
         """Coefficients of the nuisance columns beside those of causes."""
         return np.asarray(self.nuisance - self.to @ (coefficients - self.origin))
-
-
-def _inverse_sizes(squares: Array) -> Array:
-    """1/√ of sums of squares; 0 for columns in which nothing is."""
-    sizes = np.sqrt(np.maximum(squares, 0.0))
-    return np.divide(1.0, sizes, out=np.zeros_like(squares), where=squares > 0.0)
-
-
-def least_squares(A: Array, b: Array) -> Array:
-    """Solve A x = b, A (…, n, n) Gram matrices in which columns may be alike; b (n,) or (…, n, m)."""
-    if b.ndim == 1:
-        return least_squares(A, b[:, None])[:, 0]
-    d = _inverse_sizes(np.diagonal(A, axis1=-2, axis2=-1))[..., None]
-    scaled = d * A * np.swapaxes(d, -2, -1) + RIDGE * np.eye(A.shape[-1])
-    return np.asarray(d * np.linalg.solve(scaled, d * b))
 
 
 def autocorrelation_time(r: Array) -> float:
@@ -433,7 +418,7 @@ def fitted(
         squares = np.asarray(sum(((G @ T) * T).sum(axis=0) / s for G, s in zip(raw, variance)))
         if not np.all(squares > 0.0):
             return None
-        d = _inverse_sizes(squares)
+        d = inverse_sizes(squares)
         X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left_of, variance)))
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
         if not values[0] >= SAME:

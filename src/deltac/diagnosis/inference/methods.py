@@ -17,12 +17,12 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
-    least_squares,
 )
 from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Map, maps, parted
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.regression import Regression, searched
 from deltac.diagnosis.inference.result import KNOWN, SLIGHT
+from deltac.diagnosis.inference.whitening import least_squares
 
 FAR = 1e4
 """Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an

@@ -233,6 +233,21 @@ def _applied(A: Array, x: Array) -> Array:
     return np.asarray(np.einsum("kij,kj->ki", A, x))
 
 
+def inverse_sizes(squares: Array) -> Array:
+    """1/√ of sums of squares; 0 for columns in which nothing is."""
+    sizes = np.sqrt(np.maximum(squares, 0.0))
+    return np.divide(1.0, sizes, out=np.zeros_like(squares), where=squares > 0.0)
+
+
+def least_squares(A: Array, b: Array) -> Array:
+    """Solve A x = b, A (…, n, n) Gram matrices in which columns may be alike; b (n,) or (…, n, m)."""
+    if b.ndim == 1:
+        return least_squares(A, b[:, None])[:, 0]
+    d = inverse_sizes(np.diagonal(A, axis1=-2, axis2=-1))[..., None]
+    scaled = d * A * np.swapaxes(d, -2, -1) + RIDGE * np.eye(A.shape[-1])
+    return np.asarray(d * np.linalg.solve(scaled, d * b))
+
+
 def robust_weights(r: Array, D: Array) -> Array:
     """Weights (N,) of intervals under Student's distribution, where a few of them rule the sum of squares.
 
@@ -248,11 +263,8 @@ def robust_weights(r: Array, D: Array) -> Array:
         scale = np.sqrt(weights)[:, None]
         A, left = (D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel()
         gram = A.T @ A
-        sizes = np.sqrt(np.diag(gram))
-        inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0.0)
-        normal = inverse[:, None] * gram * inverse + RIDGE * np.eye(len(gram))
         for _ in range(REFINEMENTS):  # what is left of large numbers is known to rounding then
-            left = left - A @ (inverse * np.linalg.solve(normal, inverse * (A.T @ left)))
+            left = left - A @ least_squares(gram, A.T @ left)
         weights, beside = _student(left.reshape(r.shape) / scale)
     price = 0.5 * D.shape[2] * np.log(r.size)
     return weights if beside - price > likelihood else alone

@@ -20,7 +20,7 @@ import traceback
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -85,12 +85,16 @@ def main() -> None:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A log with its model, the causes that name what is wrong, and the true columns of its row."""
+    """A log with its model, the causes that name what is wrong, and the true columns of its row.
+
+    `joules` are the true ones between two times: of what went into a filter some rows are not told.
+    """
 
     row: Row
     model: Any
     log: Any
     kinds: Names
+    joules: Callable[[float, float], Row] = lambda first, last: {}
 
 
 def prepared(
@@ -131,13 +135,19 @@ def prepared(
         row["effect"] = share.effect
         if run.fault and share.effect is not None and share.effect < 1e-14:
             return None
-        index = run.rows.index if made.habit == "recorded" else rows.index
-        a, b = int(index[0]), int(index[-1])
-        for name in ("integrator", "mistake"):
-            curve, slack = getattr(share, name), getattr(share, f"{name}_slack")
-            row[f"true_{name}"] = float(curve[b] - curve[a])
-            row[f"{name}_slack"] = float(slack[b] + slack[a])
-            row[f"largest_{name}"] = float(np.abs(curve[a : b + 1] - curve[a]).max())
+        own = run.rows if made.habit == "recorded" else rows
+
+        def joules(first: float, last: float) -> Row:
+            a, b = (int(own.index[np.argmin(np.abs(own.t - t))]) for t in (first, last))
+            true: Row = {}
+            for name in ("integrator", "mistake"):
+                curve, slack = getattr(share, name), getattr(share, f"{name}_slack")
+                true[f"true_{name}"] = float(curve[b] - curve[a])
+                true[f"{name}_slack"] = float(slack[b] + slack[a])
+                true[f"largest_{name}"] = float(np.abs(curve[a : b + 1] - curve[a]).max())
+            return true
+
+        made_up = replace(made_up, joules=joules)
     if run.oracle is not None and made.habit in KNOWN and rows.sigma is not None:
         odds = run.oracle(np.hstack([rows.q, rows.u]), rows.index, rows.sigma)
         row["oracle"] = {k: round(float(v), 2) for k, v in odds.items()}
@@ -162,6 +172,7 @@ def judged(case: Prepared, verbose: bool = False) -> Row:
         return {**row, "verdict": "crashed", "message": message[:300], "cpu": 0.0}
     cpu = time.process_time() - begun
     row |= {"verdict": audit.verdict.kind, "cpu": cpu, **_told(audit, case.kinds)}
+    row |= case.joules(float(audit.run.t[0]), float(audit.run.t[-1]))
     row["findings"] = [(f.kind, f.weight, f.element) for f in audit.findings]
     if verbose:
         row["evidence"], row["explain"] = list(audit.verdict.evidence), _text(audit)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, filtfilt, lfilter
 
 import deltac as dc
 from deltac.diagnosis.inputs.omissions import limits_reached
@@ -70,10 +71,33 @@ def test_a_filter_of_all_states_is_told_with_its_delay() -> None:
     assert told.factor == pytest.approx(STEP * a / (1.0 - a), abs=1.01 * STEP)
 
 
-KICK, EVERY, SPAN = 3.0, 4, 450
+KICK, EVERY, SPAN, CUT = 3.0, 4, 450, 0.15
 
 
-def driven(damping: float) -> tuple[dc.Mechanism, dc.Trajectory]:
+def late(x: np.ndarray) -> np.ndarray:
+    """Behind Butterworth's filter of second order."""
+    return np.asarray(lfilter(*butter(2, CUT), x - x[0], axis=0) + x[0])
+
+
+def in_time(x: np.ndarray) -> np.ndarray:
+    """Behind the same forward and backward, which keeps the time."""
+    return np.asarray(filtfilt(*butter(2, CUT), x, axis=0))
+
+
+def steeply(x: np.ndarray) -> np.ndarray:
+    """Behind Butterworth's filter of fourth order."""
+    return np.asarray(lfilter(*butter(4, CUT), x - x[0], axis=0) + x[0])
+
+
+def averaged(x: np.ndarray) -> np.ndarray:
+    """Behind a recursive average, forward and backward."""
+    b, a = [1.0 - 0.8], [1.0, -0.8]
+    return np.asarray(filtfilt(b, a, x, axis=0))
+
+
+def driven(
+    damping: float, through: Callable[[np.ndarray], np.ndarray], all_columns: bool = False
+) -> tuple[dc.Mechanism, dc.Trajectory]:
     """The pendulum with a motor that holds its torque over `EVERY` steps, by the same method."""
     torque = KICK * np.sin(0.9 * (np.arange(SPAN) // EVERY * EVERY))
     y, rows = np.array([0.4, 0.0]), [np.array([0.4, 0.0])]
@@ -89,31 +113,41 @@ def driven(damping: float) -> tuple[dc.Mechanism, dc.Trajectory]:
         k4 = rate(y + STEP * k3, k)
         y = y + STEP / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         rows.append(y)
-    b, a = butter(2, 0.15)
-    x = np.array(rows)
-    late = lfilter(b, a, x - x[0], axis=0) + x[0]
+    states, held = through(np.array(rows)), torque[:, None]
     return pendulum(), dc.Trajectory(
-        t=STEP * np.arange(SPAN, dtype=float), q=late[:, :1], u=late[:, 1:], coordinates=("pin",),
-        speeds=("pin",), forces={"actuator pin": torque[:, None]},
+        t=STEP * np.arange(SPAN, dtype=float), q=states[:, :1], u=states[:, 1:], coordinates=("pin",),
+        speeds=("pin",), forces={"actuator pin": through(held) if all_columns else held},
         provenance=dc.Provenance("by hand"),
     )  # fmt: skip
 
 
-def test_a_filter_hides_no_integrator() -> None:
-    """Butterworth's, of coordinates and speeds beside a torque that went through none."""
-    audit = dc.audit(*driven(DAMPING))
+THROUGH = [late, in_time, steeply, averaged]
+
+
+@pytest.mark.parametrize(
+    ("through", "all_columns"),
+    [*((f, False) for f in THROUGH), *((f, True) for f in THROUGH if f is not steeply)],
+)
+def test_a_filter_hides_no_integrator(
+    through: Callable[[np.ndarray], np.ndarray], all_columns: bool
+) -> None:
+    """Of coordinates and speeds beside a torque that went through none, or of all columns."""
+    audit = dc.audit(*driven(DAMPING, through, all_columns))
     assert audit.verdict.kind == "consistent", audit.verdict.explain()
     [told] = [f for f in audit.findings if f.kind == "filtered"]
-    warped = np.tan(0.5 * np.pi * 0.15)
-    assert told.factor == pytest.approx(STEP / (np.sqrt(2.0) * warped), rel=1e-4)
+    # The delay of an analogue filter is b₁/b₀ of its polynomial: √2 and √(4 + 2√2) for Butterworth's.
+    warped = 2.0 * np.tan(0.5 * np.pi * CUT)
+    of_unit = {late: np.sqrt(2.0), steeply: np.sqrt(4.0 + 2.0 * np.sqrt(2.0))}
+    assert told.factor == pytest.approx(STEP * of_unit.get(through, 0.0) / warped, rel=1e-4)
     # The classical method is exact to h⁵: 1e-9 of the energy that flows.
     assert audit.integrator is not None and audit.attribution is not None
     assert "rk4" in audit.integrator.names
     assert abs(audit.attribution.integrator.energy) < 1e-8 * audit.ledger.energy_exchanged
 
 
-def test_a_filter_hides_no_mistake() -> None:
-    audit = dc.audit(*driven(1.5 * DAMPING))
+@pytest.mark.parametrize("through", THROUGH)
+def test_a_filter_hides_no_mistake(through: Callable[[np.ndarray], np.ndarray]) -> None:
+    audit = dc.audit(*driven(1.5 * DAMPING, through))
     assert audit.verdict.kind == "equation-error", audit.verdict.explain()
     [cause] = audit.causes
     assert (cause.kind, cause.element) == ("damping", "pin")

@@ -655,8 +655,8 @@ def _inferred(
     inference, through = None, unfiltered(model, rows) if asked else None
     if through is None:
         inference = begun.with_causes(limit, lacking)
-        # Beside a mistake a filter may not be seen; beside all causes it is.
-        if asked and inference is not None and inference.finds_something and not inference.closes:
+        # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
+        if asked and inference is not None and (not inference.closes or inference.late):
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
         return inference, None

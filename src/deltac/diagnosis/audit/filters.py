@@ -1,31 +1,47 @@
 """Logs of a low-pass filter: what went into it, recovered as the filter made its output.
 
-What went into a digital filter of second order is x + a Dx + b D²x of what came out, x, D a derivative in
-units of rows: the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the
-trapezoid rule makes of analogue ones, as Butterworth's (Oppenheim & Schafer, Discrete-Time Signal Processing,
-§7.1). What went in follows from row to row by the equations and an integrator: a and b are those of the least
-prediction errors, by the method of Gauss and Newton. Filters that keep the time are none of these: what they
-do is of fourth order.
+What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
+the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
+makes of analogue ones, as Butterworth's (Oppenheim & Schafer, Discrete-Time Signal Processing, §7.1). Forward
+and backward, as filters that keep the time are run, it is x + p X x + r X²x + …, where X = −D² is of both
+directions. What went in follows from row to row by the equations and an integrator: the numbers are those of
+the least prediction errors, by the method of Gauss and Newton.
+
+With s = sin²(ω/2) the trapezoid's X is 4 s/(1 − s): what alternates from row to row does not pass. It is
+taken out of states and forces alike, by 1 − sᵐ, beside which 1/(1 − s) is a sum of m powers of s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
+from typing import TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import orth
 
-from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, Array
+from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
-from deltac.diagnosis.inference.inference import LEAST_ROWS
-from deltac.diagnosis.inference.integrators import INTEGRATORS, transition
-from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
+from deltac.diagnosis.inference.forces import impulse
+from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS
+from deltac.diagnosis.inference.integrators import EXACT, INTEGRATORS, Integrator, transition
+from deltac.diagnosis.inference.linearisation import (
+    COLUMNS_OF_THE_LOG,
+    RELINEARISATIONS,
+    FlowError,
+    Point,
+    cause_columns,
+    start,
+)
+from deltac.diagnosis.inference.methods import SQUARES
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
+from deltac.diagnosis.inference.result import KNOWN
+from deltac.diagnosis.inference.whitening import inverse_sizes
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
@@ -33,8 +49,8 @@ from deltac.kernels.rows import compiled_rows
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 
-BEGIN = 1.0
-"""Number a to begin with, rows; Butterworth's filter has b = a²/2."""
+ORDERS = (2, 4)
+"""Of the filters that are looked for, one after the other."""
 
 LEFT_OF_INPUT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
@@ -42,146 +58,202 @@ LEFT_OF_INPUT = 0.3
 NOTHING = 0.01
 """The same where the filter is all that is wrong with a log."""
 
-SMOOTH = 6
-"""Order of differences by which what alternates from row to row is told from a motion."""
+NOTCH = 6
+"""Powers m of s up to which what alternates is told from a motion."""
+
+OF_S = np.array([-0.25, 0.5, -0.25])
+"""s as weights of three neighbouring rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class LowPass:
-    """A filter of second order, by numbers a and b (rows and their squares) of its inverse.
+    """A filter of even order by the numbers of its inverse: a, b, …, or p, r, … if it is run both ways.
 
-    trapezoid    whether D is that of the trapezoid rule
-    forces       whether logged forces went through it as well
-    alternating  what alternates in coordinates and speeds (2, nq + nu), constant and linear in time: the
-                 trapezoid's inverse does not tell it
+    trapezoid  whether D is that of the trapezoid rule
+    both_ways  whether it is run forward and backward, and keeps the time
+    forces     whether logged forces went through it as well
     """
 
-    a: float
-    b: float
+    numbers: tuple[float, ...]
     trapezoid: bool
+    both_ways: bool
     forces: bool
-    alternating: Array | float = 0.0
 
     @property
     def low_pass(self) -> bool:
-        """Whether it is late and makes no frequency larger; a motion of its own time may be a row early."""
-        own, plus = self._polynomials
-        z = np.exp(-1j * np.linspace(0.0, 0.99 * np.pi, 100))[:, None] ** np.arange(3)
-        return bool(
-            self.a > 0.0 and np.all(np.abs(z @ own) >= (1.0 - SMALL_SHARE) * np.abs(z @ plus))
+        """Whether it is late, or keeps the time, and makes no frequency larger."""
+        frequencies = np.linspace(0.0, 0.99 * np.pi, 100)
+        own, rest = (
+            np.abs(np.exp(-1j * frequencies[:, None] * np.arange(len(w))) @ w)
+            for w in self._weights
         )
+        late = self.both_ways or self.numbers[0] > 0.0
+        return bool(late and np.all(own >= (1.0 - SMALL_SHARE) * rest))
 
     @property
-    def _polynomials(self) -> tuple[Array, Array]:
-        """Of the inverse, in z⁻¹ (3,): of what came out, and of what went in."""
-        a, b = (2.0 * self.a, 4.0 * self.b) if self.trapezoid else (self.a, self.b)
-        plus = np.array((1.0, 2.0, 1.0) if self.trapezoid else (1.0, 0.0, 0.0))
-        along = np.array((1.0, 0.0, -1.0) if self.trapezoid else (1.0, -1.0, 0.0))
-        return plus + a * along + b * np.array((1.0, -2.0, 1.0)), plus
+    def delay(self) -> float:
+        """How late it is where motions are slow, rows."""
+        return 0.0 if self.both_ways else self.numbers[0]
 
-    def with_numbers(self, a: float, b: float) -> LowPass:
-        """The same filter with other numbers."""
-        return replace(self, a=a, b=b)
+    @property
+    def _weights(self) -> tuple[Array, Array]:
+        """Of neighbouring rows, from the earliest on: for what went in, and for what did not go through."""
+        order, trapezoid = len(self.numbers), self.trapezoid
+        numbers = np.array([1.0, *self.numbers])
+        # 1/(1 − s) and 1 − sᵐ, as often as 1 − s is in the denominator.
+        often = (order if self.both_ways else order // 2) if trapezoid else 0
+        powers = _power([1.0] * NOTCH, often)
+        notch = _power([1.0, *[0.0] * (NOTCH - 1), -1.0], often)
+        if self.both_ways:
+            own = _combined(numbers, [0.0, 4.0], [1.0, -1.0] if trapezoid else [1.0])
+            return _weights_of(np.convolve(own, powers)), _weights_of(notch)
+        if trapezoid:
+            numbers = numbers * 2.0 ** (np.arange(order + 1) - order)
+        own = _combined(numbers, [1.0, -1.0], [1.0, 1.0] if trapezoid else [1.0])[::-1]
+        own = own if trapezoid else np.append(own, np.zeros(order))
+        return np.convolve(own, _weights_of(powers)), _weights_of(notch)
 
     def before(self, run: Trajectory) -> Trajectory:
-        """What went in: all but the first two rows."""
-        some = run.take(slice(2, None))
-        forces = some.forces
-        if self.forces:
-            forces = {name: self._before(f) for name, f in run.forces.items()}
-        q, u = self._before(run.q), self._before(run.u)
-        if np.any(self.alternating):
-            both = alternating(len(some)) @ self.alternating
-            q, u = q - both[:, : q.shape[1]], u - both[:, q.shape[1] :]
+        """What went in: all but some rows at both ends."""
+        states, passing = self._weights
+        reach = max(len(states), len(passing)) // 2
+        some = run.take(slice(reach, len(run) - reach))
+
+        def weighed(x: Array, weights: Array) -> Array:
+            cut = reach - len(weights) // 2
+            windows = sliding_window_view(x[cut : len(x) - cut], len(weights), axis=0)
+            return np.asarray(windows @ weights)
+
+        of_forces = states if self.forces else passing
+        forces = {name: weighed(f, of_forces) for name, f in run.forces.items()}
+        q, u = weighed(run.q, states), weighed(run.u, states)
         return replace(some, q=q, u=u, udot=None, forces=forces, integrals={}, works={}, events=())
 
-    def _before(self, x: Array) -> Array:
-        own, _ = self._polynomials
-        y = own[0] * x[2:] + own[1] * x[1:-1] + own[2] * x[:-2]
-        if not self.trapezoid:
-            return np.asarray(y)
-        # (1 + z⁻¹)² is a second difference of what alternates.
-        signs = alternating(len(y))[:, 0].reshape(-1, *(1,) * (y.ndim - 1))
-        y = signs * np.cumsum(np.cumsum(signs * y, axis=0), axis=0)
-        flat, unknown = y.reshape(len(y), -1), alternating(len(y))
-        rough, of_x = (np.diff(part, SMOOTH, axis=0) for part in (unknown, flat))
-        numbers: Array = np.linalg.lstsq(rough, of_x)[0]
-        return np.asarray((flat - unknown @ numbers).reshape(y.shape))
+
+def _power(polynomial: Sequence[float], k: int) -> Array:
+    """Coefficients of the power of a polynomial."""
+    power = np.ones(1)
+    for _ in range(k):
+        power = np.convolve(power, polynomial)
+    return np.asarray(power)
 
 
-def alternating(rows: int) -> Array:
-    """(−1)^k and (−1)^k τ (T, 2) at times τ from 0 to 1."""
-    k = np.arange(rows)
-    signs = 1.0 - 2.0 * (k % 2)
-    return np.stack([signs, signs * k / rows], axis=1)
+def _combined(numbers: Array, x: Sequence[float], y: Sequence[float]) -> Array:
+    """Coefficients of Σ numbers_k xᵏ yⁿ⁻ᵏ of two polynomials."""
+    n = len(numbers) - 1
+    each = [np.convolve(_power(x, k), _power(y, n - k)) for k in range(n + 1)]
+    size = max(map(len, each))
+    return np.asarray(numbers @ [np.pad(p, (0, size - len(p))) for p in each])
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A filter with what it leaves of prediction errors, in units of those of the log."""
-
-    filter: LowPass
-    left: float
+def _weights_of(powers: Array) -> Array:
+    """Weights of neighbouring rows by those of the powers of s."""
+    weights = np.zeros(1)
+    for c in powers[::-1]:
+        weights = np.convolve(weights, OF_S)
+        weights[len(weights) // 2] += c
+    return weights[1:-1]
 
 
 BETWEEN_ROWS = ("smooth", "start")
 """How forces act between rows of a fit."""
 
+Step: TypeAlias = tuple[str, Integrator]
+"""How forces act between rows, and by which method these follow from each other."""
+
+STEPS: tuple[Step, ...] = tuple(
+    product(BETWEEN_ROWS, (*(m for m in INTEGRATORS if m.memory is None), EXACT))
+)
+"""Steps that may lie between rows: a memory is a filter as well."""
+
+COLUMNS = 6
+"""Columns of the few causes that are looked for beside a filter, at most."""
+
+NEAR = 10.0
+"""Ratio of what is left up to which steps and filters are looked at again: all are linear in numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A filter with what it leaves of prediction errors, in units of those of the log.
+
+    steps  those by which it leaves about as little, the best first
+    """
+
+    filter: LowPass
+    left: float
+    steps: tuple[Step, ...]
+
 
 @dataclass(frozen=True, eq=False)
 class _FilteredRows:
-    """Rows of a log that went through a filter, perhaps by equations with causes of these columns in them."""
+    """Rows of a log that went through a filter, perhaps beside causes of these columns.
+
+    coefficients  of the columns that the equations have already
+    few           columns that causes have, where these are known
+    """
 
     model: LogModel
     run: Trajectory
     kernels: tuple[ColumnKernels, ...]
+    coefficients: Array | None = None
+    few: tuple[int, ...] = ()
 
-    @property
-    def output(self) -> Trajectory:
-        """The rows of which the input can be told."""
-        return self.run.take(slice(2, None))
+    @cached_property
+    def plant(self) -> LogModel:
+        """The model with these causes in it."""
+        own = self.coefficients
+        return self.model if own is None else self.model.changed(self.kernels, own)
 
     @cached_property
     def unit(self) -> Array:
-        """Prediction errors (2n,) of the rows as they are, by the exact flow."""
-        w = self._point(self.output).flow.w
-        return np.asarray(np.sqrt(np.mean(w**2, axis=0)) + 1e-300)
+        """Prediction errors (2n,) of most rows as they are, by the exact flow; rounding at least."""
+        point = self._point(self.run)
+        intervals = point.log.intervals
+        change = self.model.difference(intervals.start, intervals.end)
+        most, size = (np.sqrt(np.median(x**2, axis=0)) for x in (point.flow.w, change))
+        return np.asarray(most + SAME * size + 1e-300)
+
+    @property
+    def exact(self) -> bool:
+        """Whether most rows follow from each other to their digits."""
+        digits = np.sqrt(np.median(self._point(self.run).log.digits[1] ** 2, axis=0))
+        return bool(np.all(self.whole * self.unit <= KNOWN * digits))
 
     @cached_property
     def whole(self) -> float:
         """What the likeliest method leaves of them beside the causes, in these units."""
-        nothing = np.zeros((len(self.output), 2 * self.model.n, 0))
-        return min(left for left, _ in self._fitted(self.output, nothing))
+        T, m = len(self.run), self.model.rows(self.run).F.shape[1]
+        none = np.zeros((T, 2 * self.model.n, 0)), np.zeros((T, m, 0))
+        fits = self._fitted(self.run, *none, STEPS)
+        return min(left for left, _, _ in fits)
 
-    def improved(self, fit: _Fit, alternates: bool = True) -> _Fit:
-        """A fit after a step of Gauss and Newton.
-
-        By the likeliest method; `alternates`: with what alternates beside.
+    def improved(self, fit: _Fit) -> _Fit:
+        """A fit after a step of Gauss and Newton, by the likeliest method.
 
         Raises:
             FlowError: the equations have no finite motion between rows of what went in.
         """
-        own, model, n = fit.filter, self.model, 2 * self.model.n
-        before, half, changes = own.before(self.run), 1e-4, list[Array]()
-        for d in half * np.eye(2):
-            ends = [own.with_numbers(own.a + s * d[0], own.b + s * d[1]) for s in (-1.0, 1.0)]
-            first, last = (model.rows(end.before(self.run)) for end in ends)
-            changes.append(model.difference(first, last) / (2.0 * half))
-        alternates = alternates and own.trapezoid
-        if alternates:
-            unknown = alternating(len(before))
-            changes += [np.outer(x, e) for e in np.eye(n) for x in unknown.T]
-        fits = self._fitted(before, np.stack(changes, axis=-1))
-        left, step = min(fits, key=lambda item: item[0])
-        moved = own.with_numbers(own.a + step[0], own.b + step[1])
-        if alternates:
-            along = step[2:].reshape(n, -1).T
-            change = np.zeros((2, self.run.q.shape[1] + self.run.u.shape[1]))
-            of_q, of_u = model.rates.T
-            change[:, model.of_q[of_q]] = along[:, of_u]
-            change[:, self.run.q.shape[1] + model.of_u] = along[:, model.n :]
-            moved = replace(moved, alternating=own.alternating - change)
-        return _Fit(moved, left)
+        own = fit.filter
+        fits = self._fitted(own.before(self.run), *self._changes(own), fit.steps)
+        fits.sort(key=lambda item: item[0])
+        left, change, _ = fits[0]
+        numbers = tuple(x + float(d) for x, d in zip(own.numbers, change, strict=True))
+        near = tuple(step for x, _, step in fits if x <= NEAR * left)
+        return _Fit(replace(own, numbers=numbers), left, near)
+
+    def _changes(self, own: LowPass) -> tuple[Array, Array]:
+        """What units of its numbers do to states (T, 2n, p) and forces (T, m, p) before a filter."""
+        model, half = self.model, 1e-4
+        states, forces = list[Array](), list[Array]()
+        for d in half * np.eye(len(own.numbers)):
+            first, last = (
+                model.rows(replace(own, numbers=tuple(own.numbers + s * d)).before(self.run))
+                for s in (-1.0, 1.0)
+            )
+            states.append(model.difference(first, last) / (2.0 * half))
+            forces.append((last.F - first.F) / (2.0 * half))
+        return np.stack(states, axis=-1), np.stack(forces, axis=-1)
 
     def settled(self, fit: _Fit) -> _Fit:
         """A fit after as many steps as make it better. Raises as `improved`."""
@@ -200,54 +272,106 @@ class _FilteredRows:
         log = observations(self.model, run, len(run))
         if log is None:
             raise FlowError("too few rows are left of what went into the filter")
-        point = start(self.model, run, log)
+        point = start(self.plant, run, log)
         if len(point.log.intervals) != len(run) - 1:
             raise FlowError("the flow of what went into the filter leaves all bounds")
         return point
 
-    def _fitted(self, run: Trajectory, change: Array) -> Iterator[tuple[float, Array]]:
-        """What each method leaves, by forces of each kind, beside changes of the rows (T, 2n, p).
+    def _departures(
+        self, point: Point, change: Array, of_forces: Array, steps: Sequence[Step]
+    ) -> Iterator[tuple[Step, Array, Array]]:
+        """What rows depart by from each kind of step (N · 2n,), and what changes of them do to that.
 
-        With the numbers of these. Causes are beside both.
+        The changes are of states (T, 2n, p) and of logged forces (T, m, p).
         """
-        point, model = self._point(run), self.model
-        log = point.log
-        B = point.tangent.transported(cause_columns(point.flow, log, self.kernels, None))
-        basis = self._flat(B)
-        if basis.shape[1]:
-            sizes = np.linalg.norm(basis, axis=0)
-            basis = orth(basis[:, sizes > 0.0] / sizes[sizes > 0.0], rcond=SAME)
-
-        def beside_causes(x: Array) -> Array:
-            flat = self._flat(x)
-            return np.asarray(flat - basis @ (basis.T @ flat))
-
-        for kind in BETWEEN_ROWS if run.forces else BETWEEN_ROWS[:1]:
+        model = self.model
+        nodes, h = np.linspace(0.0, 1.0, 5)[:, None], point.log.intervals.h
+        for kind in dict.fromkeys(kind for kind, _ in steps):
             forces = point.forces.alike(kind)
-            # A memory is a filter as well.
-            methods = tuple(m for m in INTEGRATORS if m.memory is None)
-            for of in point.flow.at(log, forces=forces, methods=methods).maps:
-                w = model.difference(of.end, log.intervals.end)
-                Phi = transition(model, of, log.intervals, forces.between)
-                moved = change[1:] - (point.tangent.Phi if Phi is None else Phi) @ change[:-1]
-                r, D = beside_causes(w[:, :, None])[:, 0], beside_causes(moved)
-                if np.isfinite(r).all() and np.isfinite(D).all():
-                    step = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
-                    # In most intervals: blows are of a few, which two numbers could explain.
-                    each = ((r + D @ step) ** 2).reshape(w.shape).mean(axis=1)
-                    yield float(np.sqrt(np.median(each))), step
+            forced = np.zeros((len(h), 2 * model.n, change.shape[2]))
+            for k, response in enumerate(point.flow.force_responses if change.size else ()):
+                first, last = of_forces[:-1, k], of_forces[1:, k]
+                slope = last - first if kind == "smooth" else np.zeros_like(first)
+                for j in range(change.shape[2]):
+                    forced[:, :, j] += impulse(response, first[:, j] + nodes * slope[:, j], h)
+            methods = tuple(m for k, m in steps if k == kind and m is not EXACT)
+            for of in point.flow.at(point.log, forces=forces, methods=methods).maps:
+                if (kind, of.method) not in steps:
+                    continue
+                w = model.difference(of.end, point.log.intervals.end)
+                Phi = transition(self.plant, of, point.log.intervals, forces.between)
+                Phi = point.tangent.Phi if Phi is None else Phi
+                moved = self._flat(change[1:] - Phi @ change[:-1] - forced)
+                w = self._flat(w[:, :, None])[:, 0]
+                if np.isfinite(w).all() and np.isfinite(moved).all():
+                    yield (kind, of.method), w, moved
+
+    def _of_causes(self, point: Point) -> Array:
+        """What the columns of causes in the equations do to the rows (N · 2n, P), zero for others."""
+        columns = cause_columns(point.flow, point.log, self.kernels, None)
+        whats = [column.what for kernels in self.kernels for column in kernels.columns]
+        # What is late in the log does what a filter does.
+        acting = ~np.isin(whats, COLUMNS_OF_THE_LOG)
+        if self.few:
+            acting &= np.isin(np.arange(len(whats)), self.few)
+        return self._flat(np.where(acting, point.tangent.transported(columns), 0.0))
+
+    def _fitted(
+        self, run: Trajectory, change: Array, of_forces: Array, steps: Sequence[Step]
+    ) -> list[tuple[float, Array, Step]]:
+        """What each kind of step leaves beside changes and causes, with the numbers of the former."""
+        point = self._point(run)
+        basis = self._of_causes(point)
+        if basis.shape[1]:
+            basis = orth(basis * inverse_sizes(np.sum(basis**2, axis=0)), rcond=SAME)
+        fits = list[tuple[float, Array, Step]]()
+        for step, r, D in self._departures(point, change, of_forces, steps):
+            r, D = (x - basis @ (basis.T @ x) for x in (r, D))
+            numbers = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
+            # In most intervals: blows are of a few, which few numbers could explain.
+            each = ((r + D @ numbers) ** 2).reshape(len(run) - 1, -1).mean(axis=1)
+            fits.append((float(np.sqrt(np.median(each))), numbers, step))
+        return fits
+
+    def with_causes(self, fit: _Fit) -> _FilteredRows:
+        """The same rows by equations with the few columns of causes in them that explain most beside a fit.
+
+        All columns together do what a filter does, and causes are not linear in their size.
+        """
+        point = self._point(fit.filter.before(self.run))
+        _, r, D = next(self._departures(point, *self._changes(fit.filter), fit.steps[:1]))
+        B = self._of_causes(point)
+        d = inverse_sizes(np.sum(B**2, axis=0))
+        X, some, start = B * d, list(self.few), 0.0
+        while not self.few and len(some) < COLUMNS:
+            basis = orth(np.column_stack([D, X[:, some]]), rcond=SAME)
+            rest, left = (x - basis @ (basis.T @ x) for x in (r, X))
+            start = start if some else float(rest @ rest)
+            if float(rest @ rest) <= SQUARES * start:  # these may be of squares
+                break
+            sizes = np.sum(left**2, axis=0)
+            gain = np.where(sizes > SAME, (rest @ left) ** 2 * inverse_sizes(sizes) ** 2, 0.0)
+            some.append(int(np.argmax(gain)))
+        change = np.zeros(len(d))
+        both = np.column_stack([X[:, some], D])
+        change[some] = (np.linalg.lstsq(both, r, rcond=SAME)[0])[: len(some)]
+        own = np.zeros(len(d)) if self.coefficients is None else self.coefficients
+        return replace(self, coefficients=own + d * change, few=tuple(some))
 
 
-def _likely(rows: _FilteredRows) -> list[_Fit]:
+def _likely(rows: _FilteredRows, order: int) -> list[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
-    settled = list[_Fit]()
-    for trapezoid, forces in product((True, False), (False, True)):
+    first, kinds = list[_Fit](), (False, True)
+    for both_ways, trapezoid, forces in product(kinds, kinds[::-1], kinds):
         if forces and not rows.run.forces:
             continue
         with suppress(FlowError, np.linalg.LinAlgError):
-            first = LowPass(BEGIN, BEGIN**2 / 2, trapezoid, forces)
-            fit = rows.improved(_Fit(first, np.inf), alternates=False)
-            if fit.left <= rows.whole:
+            filter_ = LowPass((0.0,) * order, trapezoid, both_ways, forces)
+            first.append(rows.improved(_Fit(filter_, np.inf, STEPS)))
+    least, settled = min((fit.left for fit in first), default=0.0), list[_Fit]()
+    for fit in first:
+        if fit.left <= min(rows.whole, NEAR * least):
+            with suppress(FlowError, np.linalg.LinAlgError):
                 settled.append(rows.settled(fit))
     share = LEFT_OF_INPUT if rows.kernels else NOTHING
     right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
@@ -264,8 +388,8 @@ def unfiltered(
     """
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
-    derived = "u" in run.provenance.derived or model.quaternions or run.works or run.integrals
-    if derived or b - a < LEAST_ROWS or np.ptp(h) > ROUGHLY * h.mean():
+    derived = "u" in run.provenance.derived or run.works or run.integrals
+    if derived or b - a < FEW or np.ptp(h) > ROUGHLY * h.mean():
         return None
     acting = LoggedForces.of(run).places
     run = run.take(slice(a, b))
@@ -274,21 +398,28 @@ def unfiltered(
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
-        if _FilteredRows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
+        if _FilteredRows(model, part, ()).exact:
             return None
-        for fit in _likely(_FilteredRows(model, part, kernels)):
-            own = _FilteredRows(model, run, kernels).settled(fit).filter
+        few = _FilteredRows(model, part, kernels)
+        for fit in chain.from_iterable(_likely(few, order) for order in ORDERS):
+            rows = _FilteredRows(model, part if kernels else run, kernels)
+            settled = rows.settled(fit)
+            for _ in range(RELINEARISATIONS if kernels else 0):
+                rows = rows.with_causes(settled)
+                settled = rows.settled(settled)
+            own = settled.filter
             return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 
 
 def _told(own: LowPass, h: float, left: float) -> Finding:
     what = "all columns" if own.forces else "coordinates and speeds"
+    late = f"is {own.delay * h:.3g} s late" if own.delay else "keeps the time"
     return Finding(
         "filtered",
-        f"{what} of the log went through a filter that is {own.a * h:.3g} s late",
+        f"{what} of the log went through a filter that {late}",
         f"of what went in, the equations leave {percent(left)} of what they leave of the log",
         "Log what goes into the filter; it is what is judged",
         "note",
-        factor=own.a * h,
+        factor=own.delay * h,
     )

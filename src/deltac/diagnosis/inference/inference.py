@@ -43,7 +43,6 @@ from deltac.diagnosis.inference.hypotheses import (
 )
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.interpolation import (
-    OF_DELAYS,
     WITHIN_A_ROW,
     closed_by_other_forces,
     held_as_in,
@@ -55,7 +54,14 @@ from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import by_accelerations
-from deltac.diagnosis.inference.result import KNOWN, OF_INERTIA, OF_THE_LOG, SLIGHT, Inference
+from deltac.diagnosis.inference.result import (
+    KNOWN,
+    OF_DELAYS,
+    OF_INERTIA,
+    OF_THE_LOG,
+    SLIGHT,
+    Inference,
+)
 from deltac.kernels.rows import compiled_rows
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory

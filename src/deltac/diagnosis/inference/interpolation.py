@@ -17,12 +17,10 @@ from deltac.diagnosis.inference.forces import FORCES, HELD, InterpolatedForces, 
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, autocorrelation_time, nothing
 from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, Point
 from deltac.diagnosis.inference.methods import PARTS
+from deltac.diagnosis.inference.result import OF_DELAYS
 
 DELAYS, SPREADS = (-8, -4, -2, 0, 2, 4, 8), (0.5, 1, 2, 4)
 """Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
-
-OF_DELAYS = ("late-forces", "actuator-delay")
-"""Causes by which all forces, or those of one motor, act later than they were logged."""
 
 WITHIN_A_ROW = 1.0
 """Delays and deviations, in rows, up to which forces are held or ramped from row to row."""

@@ -360,27 +360,34 @@ def _at_nodes(pieces: Sequence[tuple[int, int]], columns: list[Array], last: Arr
 class ProcessNoise:
     """Covariances (N, 2n, 2n) of what the flow adds to prediction errors that it does not know.
 
-    rest    all of it but what the series leaves out
-    own     its own error, with that of logged forces, and what these did in intervals of which steps are lost
-    doubt   what forces that are smooth do otherwise than a spline
-    beyond  standard deviations (N, 2n) of what the series in the step leaves out
+    flow     its own error, with digits of forces, and what these did in intervals of which steps are lost
+    forces   noise of logged forces
+    doubt    what forces that are smooth do otherwise than a spline
+    across   what a solver does to keep constraints
+    beyond   standard deviations (N, 2n) of what the series in the step leaves out
     """
 
-    rest: Array
-    own: Array
+    flow: Array
+    forces: Array
     doubt: Array
+    across: Array
     beyond: Array
+
+    @property
+    def own(self) -> Array:
+        """Of the flow by the forces that were logged."""
+        return self.flow + self.forces
 
     @cached_property
     def total(self) -> Array:
         """All of it."""
-        diagonal, total = np.arange(self.beyond.shape[1]), np.array(self.rest)
+        diagonal, total = np.arange(self.beyond.shape[1]), self.own + self.doubt + self.across
         total[:, diagonal, diagonal] += self.beyond**2
         return total
 
-    def with_beyond(self, share: float) -> ProcessNoise:
-        """The same where the series leaves out that share of what it may."""
-        return replace(self, beyond=share * self.beyond)
+    def with_shares(self, forces: float = 1.0, beyond: float = 1.0) -> ProcessNoise:
+        """The same with shares of the noise of forces, and of what the series leaves out."""
+        return replace(self, forces=forces**2 * self.forces, beyond=beyond * self.beyond)
 
 
 def process_noise(
@@ -407,12 +414,12 @@ def process_noise(
             share, likelihood = x, now
         return share**2 * part
 
-    Q = Q + likeliest(white, Q + between + across)
-    between = likeliest(between, Q + across)
+    white = likeliest(white, Q + between + across)
+    between = likeliest(between, Q + white + across)
     # What is left tells how large the own is; splines of forces have a doubt of their own.
     in_lost = lost[:, None, None]
     own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
-    return ProcessNoise(Q + between + across, own, doubt, beyond)
+    return ProcessNoise(own, white, doubt, across, beyond)
 
 
 def likelihood_of(log: Observations, Phi: Array, Q: Array, columns: Array) -> float:

@@ -23,7 +23,13 @@ from deltac.diagnosis.inference.hypotheses import (
     search,
 )
 from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of, transition
-from deltac.diagnosis.inference.linearisation import SHARES, Point, cause_responses, likelihood_of
+from deltac.diagnosis.inference.linearisation import (
+    SHARES,
+    Point,
+    ProcessNoise,
+    cause_responses,
+    likelihood_of,
+)
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.whitening import Innovations, robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
@@ -221,22 +227,27 @@ def regression(point: Point) -> Regression:
 
 
 def with_likelier_noise(at: Regression) -> Point | None:
-    """The point where the series leaves out as much as is likely beside all columns; None where that is all.
+    """The point with as much noise as is likely beside all columns; None where that is all.
 
-    Where steps are coarse, or rows far apart, it may leave out more than all that the rows depart by.
+    What causes do looked like noise of forces. Where steps are coarse, or rows far apart, the series may
+    leave out more than all that the rows depart by.
     """
     point, noise, Phi = at.point, at.point.noise, at.point.tangent.Phi
     w = point.errors(point.flow.end, Phi)
     columns = np.concatenate([w[:, :, None], at.B, at.bent], axis=2)
-    most = np.mean(noise.beyond**2, axis=0) > np.mean(w**2, axis=0)
-    if not most.any() or w.size < 2 * columns.shape[2]:
+    most = bool(np.any(np.mean(noise.beyond**2, axis=0) > np.mean(w**2, axis=0)))
+    parts = [part for part, large in (("beyond", most), ("forces", noise.forces.any())) if large]
+    if not parts or w.size < 2 * columns.shape[2]:
         return None
+    likelier = noise
+    for part in parts:
 
-    def likelihood(share: float) -> float:
-        return likelihood_of(point.log, Phi, noise.with_beyond(share).total, columns)
+        def likelihood(share: float, part: str = part, noise: ProcessNoise = likelier) -> float:
+            return likelihood_of(point.log, Phi, noise.with_shares(**{part: share}).total, columns)
 
-    share = max(sorted(SHARES, reverse=True), key=likelihood)
-    return None if share == 1.0 else replace(point, noise=noise.with_beyond(share))
+        share = max(sorted(SHARES, reverse=True), key=likelihood)
+        likelier = likelier.with_shares(**{part: share}) if share != 1.0 else likelier
+    return None if likelier is noise else replace(point, noise=likelier)
 
 
 def _places(point: Point) -> NDArray[np.intp]:

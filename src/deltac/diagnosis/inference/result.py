@@ -26,7 +26,10 @@ and where they stand beside habits of the log, or do little."""
 COLOURED = 0.1
 """Share of what forces did between rows that goes with the motion as a cause does."""
 
-OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
+OF_DELAYS = ("late-forces", "actuator-delay")
+"""Causes by which all forces, or those of one motor, act later than they were logged."""
+
+OF_THE_LOG = (*OF_DELAYS, "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
 
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
@@ -176,6 +179,13 @@ class Inference:
         """Whether a cause has odds that is of the equations, or something that has no name."""
         wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
         return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
+
+    @property
+    def late(self) -> bool:
+        """Whether forces were found to act later or more smoothly than they were logged."""
+        return self.filter is not None or any(
+            c.kind in OF_DELAYS for c in self.posterior.best.chosen
+        )
 
     @property
     def flow(self) -> float:

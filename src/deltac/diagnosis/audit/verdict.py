@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
@@ -44,8 +44,8 @@ ROUND = 2.0
 """Times the tolerance, a round number, up to which joules that may be within it as well blame nobody."""
 
 MISTAKE = 0.01
-"""Prior standard deviation of an error's energy, as a fraction of the energy exchanged: masses, lengths and
-dampers are rarely known to better than a per cent."""
+"""Prior standard deviation of an error's energy, as a fraction of the energy that the system has: masses,
+lengths and dampers are rarely known to better than a per cent."""
 
 COASTING = 1e6
 """Energy of what coasts, in units of what it exchanges."""
@@ -126,7 +126,9 @@ class Judgement:
         if inference is None:
             return 0.0, 0.0
         causes = [
-            (p, large) for p, large, joules in self._causes_of_equations if joules > self.slip
+            (p, max(large, p * self.net_mistake))
+            for p, large, joules in self._causes_of_equations
+            if joules > self.slip
         ]
         real, intolerable = np.max([(0.0, 0.0), *causes], axis=0).tolist()
         if self.unnamed and not self.slip:
@@ -135,6 +137,14 @@ class Judgement:
         if self.intermittent:
             real = intolerable = max(intolerable, float(expit(inference.intermittent[0])))
         return real, intolerable
+
+    @cached_property
+    def net_mistake(self) -> float:
+        """Probability that what mistakes add to ΔC is more than is allowed."""
+        if self.attribution is None or not self.causes:
+            return 0.0
+        joules, error = self.attribution.equations.largest
+        return float(ndtr((joules - self.allowed) / max(error, 1e-300)))
 
     @cached_property
     def doubted(self) -> float:
@@ -263,10 +273,7 @@ class Judgement:
         A spike-and-slab posterior: an error is absent or present with equal prior probability, and its energy
         is N(0, S²) J if it is present.
         """
-        ledger = self.ledger
-        # What coasts exchanges rounding.
-        exchanged = max(ledger.energy_exchanged, EPS * ledger.reference_energy)
-        size = np.maximum(MISTAKE * exchanged, np.abs(joules)) + 1e-300
+        size = np.maximum(MISTAKE * self.ledger.reference_energy, np.abs(joules)) + 1e-300
         error = np.clip(error, 1e-12 * size, 1e6 * size)
         share = 1.0 / (1.0 + (error / size) ** 2)
         mean, deviation = share * joules, np.sqrt(share) * error

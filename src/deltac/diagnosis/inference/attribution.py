@@ -240,10 +240,11 @@ def of_scattered_steps(
     blows = np.where(large, work, 0.0)
     best = comparison.posterior.best
     of_log = _of_causes(comparison, best, of_log=True).curve + np.cumsum(blows)
-    each = _of_scatter(work - blows)
-    integrator, log = parts.integrator, parts.log
-    bars = [integrator.curve_error, log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
-    integrator = Share(integrator.curve + log.curve - of_log, np.linalg.norm(bars, axis=0))
+    # It is all that the balance leaves, whatever of it the series has told already.
+    curve = parts.integrator.curve + parts.log.curve - of_log
+    each = _of_scatter(np.diff(curve, prepend=0.0))
+    bars = [parts.log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
+    integrator = Share(curve, np.linalg.norm(bars, axis=0))
     return replace(parts, integrator=integrator, log=replace(parts.log, curve=of_log)), blows
 
 

@@ -110,9 +110,11 @@ class Unclosed:
         with np.errstate(all="ignore"), compiled_rows():
             for point in self.points:
                 own = _with_causes(point, self.equations, self.kernels, limit, lacking)
-                if own is not None and (own.closes or not own.finds_something):
+                if own is None:
+                    continue
+                if own.closes or (own.excess <= KNOWN and not own.finds_something):
                     return own
-                if own is not None and (result is None or own.flow < result.flow):
+                if result is None or own.flow < result.flow:
                     result = own
         return result
 
@@ -140,16 +142,18 @@ def closed(
     model = LogModel(mechanism, run)
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
-    points = list[Point]()
+    points = list[tuple[float, Point]]()
     with np.errstate(all="ignore"), compiled_rows():
         for one in (*reductions(model, run), model):
             alone = _closed(one, run, equations, kernels, energy)
             # The fields of an integrator are many in all coordinates; a method of a few is sure.
             if isinstance(alone, Inference) and (alone.methods or one is model):
                 return alone
-            if isinstance(alone, Point):
+            if isinstance(alone, tuple):
                 points.append(alone)
-    return Unclosed(tuple(points), equations, kernels)
+    # Coordinates in which least is left are likely those of the integrator; all of them come last.
+    points.sort(key=lambda item: item[0] if item[1].model.n < model.n else np.inf)
+    return Unclosed(tuple(point for _, point in points), equations, kernels)
 
 
 def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
@@ -167,8 +171,11 @@ def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
 
 def _closed(
     model: LogModel, run: Trajectory, equations: LogEquations, kernels: ColumnKernels, energy: float
-) -> Inference | Point | None:
-    """The result of rows that follow from each other without a cause; else the point to begin at; or None."""
+) -> Inference | tuple[float, Point] | None:
+    """The result of rows that follow from each other without a cause; or None.
+
+    Else the point to begin at, with the variance of what is left, in units of what is known.
+    """
     products = 2 * model.n * len(kernels.columns) ** 2
     cost = kernels.cost + PRODUCT * products
     log = observations(model, run, int(np.clip(WORK / cost, LEAST_ROWS, MOST_ROWS)))
@@ -183,12 +190,12 @@ def _closed(
             # What departs between rows of which the accelerations are the model's is of the steps.
             by_accelerations = _accelerations_agree(point) and _of_no_force(point, alone.residual)
             if not by_accelerations:
-                return point
+                return alone.excess, point
             scattered = inferred(comparison, scattered=True, agreed=True)
             alone = replace(scattered, integrator=alone.integrator)
         # What comes and goes within the noise of the rows is nothing.
         if alone.excess > 1.0 and alone.finds_something:
-            return point
+            return alone.excess, point
         if by_accelerations:
             return _by_accelerations(alone, comparison, equations, kernels)
         # A few rows exclude most mistakes; what they leave open, all rows are asked for.
@@ -197,7 +204,7 @@ def _closed(
             excluded = inferred(likeliest(some.with_candidates(equations, kernels)))
             something = excluded.excess > 1.0 and excluded.finds_something
             if something or excluded.posterior.best.chosen:
-                return point
+                return alone.excess, point
             # Those that do nothing in a few rows may do something in others.
             every = {name_of(c) for c in of_one_number(excluded.candidates)}
             seen = {x for x, joules in excluded.unseen.items() if joules <= SIX_DIGITS * energy}
@@ -206,7 +213,6 @@ def _closed(
         return _with_excluded(alone, excluded)
     except (FlowError, np.linalg.LinAlgError):
         return None
-    return point
 
 
 def _accelerations_agree(point: Point) -> bool:
@@ -228,8 +234,7 @@ def _accelerations_agree(point: Point) -> bool:
 def _of_no_force(point: Point, residual: Array) -> bool:
     """Whether most of what is left (N, 2n) is of no force: one moves coordinates by h/2 of the speeds."""
     n, half, log = point.model.n, 0.5 * point.log.intervals.h, point.log
-    at = log.intervals.start
-    inertia = np.einsum("kii->ki", point.model.matrices(at.t, at.q)[0])
+    inertia = point.model.inertia(log.intervals.start)
 
     def squares(x: Array) -> Array:
         return np.asarray((inertia * x**2).sum(axis=1))

@@ -295,6 +295,10 @@ class LogModel:
         """Accelerations (T, n, p) of columns M ∂u̇/∂θ."""
         return np.asarray(np.linalg.solve(self.matrices(t, q)[0], columns))
 
+    def inertia(self, at: Rows) -> Array:
+        """Inertia (T, n) of each free speed: the diagonal of M."""
+        return np.asarray(np.einsum("tii->ti", self.matrices(at.t, at.q)[0]))
+
     def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
         M, G = self._of_model(t, q)

@@ -117,6 +117,10 @@ class Reduced(LogModel):
         """What generalized forces of all free speeds add to the accelerations."""
         return self.whole.response(t, self._complete(t, q)[0], force)[:, self.own]
 
+    def inertia(self, at: Rows) -> Array:
+        """Inertia of each independent speed, without what moves with it."""
+        return super().inertia(at)[:, self.own]
+
     def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Mass matrix and constraint Jacobian of all free speeds."""
         return self.whole.matrices(t, self._complete(t, q)[0])

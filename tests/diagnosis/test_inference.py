@@ -586,7 +586,7 @@ def test_the_probability_of_an_error_is_that_of_its_posterior(joules: float, err
     ledger = SimpleNamespace(energy_exchanged=300.0, reference_energy=1000.0)
     judged = Judgement(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)  # type: ignore[arg-type]
     found = judged._beyond(np.array([joules]), np.array([error]))[0]
-    size = max(0.01 * 300.0, abs(joules))
+    size = max(0.01 * 1000.0, abs(joules))
     J = np.linspace(-40.0, 40.0, 400_001)
     slab = norm.pdf(joules, J, error) * norm.pdf(J, 0.0, size)
     total = np.trapezoid(slab, J) + norm.pdf(joules, 0.0, error)

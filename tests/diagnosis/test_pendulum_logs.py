@@ -256,7 +256,10 @@ def test_a_driven_joint_may_follow_its_law_through_a_filter(cut: float, noise: f
     audit = dc.audit(model, late)
     assert audit.verdict.kind != "equation-error"
     departs = [f for f in audit.findings if f.kind == "prescribed-departs"]
-    assert departs and {f.weight for f in departs} == {"note"}
+    # What went into the filter is judged if it is seen; else the law is followed through it.
+    seen = any(f.kind == "filtered" for f in audit.findings)
+    assert seen or departs
+    assert all(f.weight == "note" for f in departs)
 
 
 @pytest.mark.parametrize(("amplitude", "h"), crossed((0.315, 0.285), (2e-3, 1e-2)))

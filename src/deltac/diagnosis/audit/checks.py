@@ -252,7 +252,9 @@ def differing_channels(
         logged = force[np.ix_(rows, mechanism.free.u)]
         own = of_model.get(name)
         passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
-        if ledger.basis.get(name) != "measured" or (own is None and not passive):
+        # A force without a law is left to the log.
+        lawless = own is None or not own.any()
+        if ledger.basis.get(name) != "measured" or (lawless and not passive):
             continue
         power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
         energy = float(np.trapezoid(np.abs(power), t))

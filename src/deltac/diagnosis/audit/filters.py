@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, product
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -270,8 +270,10 @@ class _FilteredRows:
 
     def _point(self, run: Trajectory) -> Point:
         log = observations(self.model, run, len(run))
-        if log is None:
-            raise FlowError("too few rows are left of what went into the filter")
+        if log is None or LoggedForces.of(run).places != self.model.log.places:
+            raise FlowError(
+                "too few rows are left of what went into the filter, or forces act in others"
+            )
         point = start(self.plant, run, log)
         if len(point.log.intervals) != len(run) - 1:
             raise FlowError("the flow of what went into the filter leaves all bounds")
@@ -359,23 +361,26 @@ class _FilteredRows:
         return replace(self, coefficients=own + d * change, few=tuple(some))
 
 
-def _likely(rows: _FilteredRows, order: int) -> list[_Fit]:
+def _likely(rows: _FilteredRows) -> Iterator[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
-    first, kinds = list[_Fit](), (False, True)
-    for both_ways, trapezoid, forces in product(kinds, kinds[::-1], kinds):
-        if forces and not rows.run.forces:
-            continue
-        with suppress(FlowError, np.linalg.LinAlgError):
-            filter_ = LowPass((0.0,) * order, trapezoid, both_ways, forces)
-            first.append(rows.improved(_Fit(filter_, np.inf, STEPS)))
-    least, settled = min((fit.left for fit in first), default=0.0), list[_Fit]()
-    for fit in first:
-        if fit.left <= min(rows.whole, NEAR * least):
+    kinds, share = (False, True), LEFT_OF_INPUT if rows.kernels else NOTHING
+    for order in ORDERS:
+        first, settled = list[_Fit](), list[_Fit]()
+        for both_ways, trapezoid, forces in product(kinds, kinds, kinds):
+            if forces and not rows.run.forces:
+                continue
             with suppress(FlowError, np.linalg.LinAlgError):
-                settled.append(rows.settled(fit))
-    share = LEFT_OF_INPUT if rows.kernels else NOTHING
-    right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
-    return sorted(right, key=lambda fit: fit.left)
+                filter_ = LowPass((0.0,) * order, trapezoid, both_ways, forces)
+                first.append(rows.improved(_Fit(filter_, np.inf, STEPS)))
+        least = min((fit.left for fit in first), default=np.inf)
+        if least > LEFT_OF_INPUT * rows.whole:
+            return  # one of higher order looks like one of lower order
+        for fit in first:
+            if fit.left <= min(LEFT_OF_INPUT * rows.whole, NEAR * least):
+                with suppress(FlowError, np.linalg.LinAlgError):
+                    settled.append(rows.settled(fit))
+        right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
+        yield from sorted(right, key=lambda fit: fit.left)
 
 
 def unfiltered(
@@ -401,7 +406,7 @@ def unfiltered(
         if _FilteredRows(model, part, ()).exact:
             return None
         few = _FilteredRows(model, part, kernels)
-        for fit in chain.from_iterable(_likely(few, order) for order in ORDERS):
+        for fit in _likely(few):
             rows = _FilteredRows(model, part if kernels else run, kernels)
             settled = rows.settled(fit)
             for _ in range(RELINEARISATIONS if kernels else 0):

@@ -31,6 +31,7 @@ from deltac.diagnosis.inference.hypotheses import (
 from deltac.diagnosis.inference.integrators import (
     EXACT,
     INTEGRATORS,
+    USUAL,
     IntegratorEstimate,
     Map,
     estimate,
@@ -39,7 +40,7 @@ from deltac.diagnosis.inference.integrators import (
     numbers_of,
 )
 from deltac.diagnosis.inference.linearisation import Point
-from deltac.diagnosis.inference.methods import FAR
+from deltac.diagnosis.inference.methods import FAR, alike
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
@@ -92,8 +93,9 @@ def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     # Methods that close the rows alike do not make the same joules; nor do forces between rows of which a
     # method takes one alone.
     forces = [curves[0] + x for x in _other_forces(comparison)]
+    near = [log.running(at.work(x)) for x in _near_methods(comparison)]
     between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
-    spread = np.abs(np.stack([*curves, *forces]) - curves[0]).max(axis=0)
+    spread = np.abs(np.stack([*curves, *forces, *near]) - curves[0]).max(axis=0)
     residual = flow.w - defects[0] - comparison.effects
     # Where they leave more than the rows' noise, the rest may be the integrator's, or lost forces'.
     known = np.where(log.unknown | (comparison.counts > 1)[:, None], 0.0, at.gradient)
@@ -240,9 +242,9 @@ def of_scattered_steps(
     blows = np.where(large, work, 0.0)
     best = comparison.posterior.best
     of_log = _of_causes(comparison, best, of_log=True).curve + np.cumsum(blows)
-    # It is all that the balance leaves, whatever of it the series has told already.
+    # It is all that the balance leaves. Noise comes and goes in that and in what the series leaves of it.
     curve = parts.integrator.curve + parts.log.curve - of_log
-    each = _of_scatter(np.diff(curve, prepend=0.0))
+    each = np.minimum(*map(_of_scatter, (work - blows, np.diff(curve, prepend=0.0))))
     bars = [parts.log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
     integrator = Share(curve, np.linalg.norm(bars, axis=0))
     return replace(parts, integrator=integrator, log=replace(parts.log, curve=of_log)), blows
@@ -325,6 +327,22 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
             for k, response in enumerate(point.flow.force_responses):
                 moved += impulse(response, change[:, :, k], log.intervals.h)
             yield -HALF * log.running(at.work(moved))
+
+
+def _near_methods(comparison: HypothesisComparison) -> Iterator[Array]:
+    """What usual methods with a memory do (N, 2n) that the rows do not tell from the closing method."""
+    at, point, method = comparison.at, comparison.point, comparison.methods[0]
+    if method.order != 2 or point.log.unknown.any():
+        return
+    flow, Phi = point.flow, at.innovations.Phi
+    others = list(maps(flow.plant, flow.intervals, point.forces.between, flow.counts, 1, USUAL))
+    ends = [comparison.maps[0], *others]
+    change = comparison.posterior.best.coefficients - point.coefficients
+    moved = at.moved_by(at.numbers, point.log.steps) @ change
+    white, _ = at.innovations(np.stack([point.errors(of.end, Phi) - moved for of in ends], axis=2))
+    for k in alike(white, 0, point.log.rounding):
+        if k:
+            yield flow.plant.difference(flow.end, ends[k].end)
 
 
 def _other_states(comparison: HypothesisComparison) -> tuple[tuple[Map, Observations], ...]:

@@ -301,16 +301,18 @@ def _generalized_alpha(
             return x
 
         low, high = bounds
-        grid = np.linspace(low, high, COARSE)
+        grid = np.linspace(low, high, COARSE if high > low else 1)
         size = np.array([np.inf, *map(misfit, grid), np.inf])
         # Two parameters may do the same to the speeds, to second order in the step: coordinates tell them.
         minima = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
-        found = [y for y in map(polished, grid[minima]) if low - SLIGHTLY < y < high + SLIGHTLY]
+        found = list(grid) if low == high else list(map(polished, grid[minima]))
+        found = [y for y in found if low - SLIGHTLY < y < high + SLIGHTLY]
         if not found:
             return None
         gaps = np.array([[misfit(y), misfit_of_q(y)] for y in found]) + TINY
         x = found[int(np.argmin(np.sum(gaps / gaps.min(axis=0), axis=1)))]
-        if high - x < SLIGHTLY:  # the trapezoidal rule, which has no memory
+        m, f = family(x)
+        if abs(f - m) < SLIGHTLY:  # the trapezoidal rule, which has no memory
             return None
 
         def columns(at_start: Array, at_end: Array) -> tuple[Array, Array]:
@@ -382,6 +384,31 @@ SPLIT = (
 )
 """Methods that move coordinates along constant speeds."""
 
+Family: TypeAlias = Callable[[float], tuple[float, float]]
+"""α_m and α_f of generalized-α by a parameter."""
+
+
+def _of_families(*families: tuple[Family, tuple[float, float]]) -> tuple[Integrator, ...]:
+    """Methods of families between bounds of their parameters, by forces of either end of a step."""
+    return tuple(
+        Integrator(
+            "generalized-alpha",
+            2,
+            {},
+            memory=_generalized_alpha(family, bounds, later),
+            later=later,
+        )
+        for family, bounds in families
+        for later in (True, False)
+    )
+
+
+USUAL = _of_families(
+    *((_chung_hulbert, (radius, radius)) for radius in (0.5, 0.8, 0.9)),
+    *((_hilber_hughes_taylor, (alpha, alpha)) for alpha in (-0.3, -0.1, -0.05)),
+)
+"""Generalized-α as programs have it: what rows with noise tell a parameter from is no single method."""
+
 INTEGRATORS = (
     Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
     *SPLIT,
@@ -396,17 +423,7 @@ INTEGRATORS = (
     Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
     Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
     Integrator("adams-bashforth-2", 2, _second(-5 / 12, -5 / 12), memory=_adams_bashforth),
-    *(
-        Integrator(
-            "generalized-alpha",
-            2,
-            {},
-            memory=_generalized_alpha(family, bounds, later),
-            later=later,
-        )
-        for family, bounds in ((_chung_hulbert, (0.0, 1.0)), (_hilber_hughes_taylor, (-1 / 3, 0.0)))
-        for later in (True, False)
-    ),
+    *_of_families((_chung_hulbert, (0.0, 1.0)), (_hilber_hughes_taylor, (-1 / 3, 0.0))),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
     Integrator("kutta-3", 3, {}, _explicit(KUTTA)),
     Integrator("rk4", 4, {}, _explicit("ode4"), stages=4),

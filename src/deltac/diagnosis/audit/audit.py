@@ -25,7 +25,7 @@ from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
 from deltac.diagnosis.inference.model import LogModel
-from deltac.diagnosis.inference.result import Attribution, Inference, Share
+from deltac.diagnosis.inference.result import KNOWN, Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, balanced, in_model_order, read_log, read_run
@@ -656,7 +656,7 @@ def _inferred(
     if through is None:
         inference = begun.with_causes(limit, lacking)
         # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
-        if asked and inference is not None and (not inference.closes or inference.late):
+        if asked and inference is not None and (inference.late or inference.excess > KNOWN):
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
         return inference, None

@@ -1,8 +1,8 @@
 """From the inference to a verdict: probabilities of joules against the tolerance.
 
 A mistake in the equations counts where more energy flows through it than the tolerance allows, or where it
-adds more than that to ΔC; the integrator where its joules exceed it. All have error bars, so that each verdict
-has a probability; one that is not probable enough is `unresolved`, with what would decide.
+adds more than that to ΔC; the integrator where its joules exceed it. All have error bars, so that each
+verdict has a probability; one that is not probable enough is `unresolved`, with what would decide.
 """
 
 from __future__ import annotations

@@ -34,6 +34,7 @@ from deltac.diagnosis.inference.attribution import (
 from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
+    TOGETHER,
     Fit,
     Posterior,
     fitted,
@@ -71,6 +72,9 @@ WORK = 3e8
 
 PRODUCT = 0.02
 """Time of a product of two numbers in one of matrices beside that of an instruction that is interpreted."""
+
+SAMPLE = 300
+"""Intervals by which most of the causes are excluded that are alike to first order."""
 
 FEW = 60
 """Rows that tell how well the numbers of causes are known where no cause can have odds."""
@@ -393,17 +397,13 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     alone = _rivals(comparison)
     if not alone or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
-    rivals = [_settled(point.narrowed(one), one, True) for one in alone]
-    built = [one for one in rivals if one is not None and one.posterior.best.chosen]
+    built = _built(point, _in_sample(point, alone))
     if not any(one.posterior.best.alike(found.best) for one in built):
         together = _settled(point.narrowed(found), found, True)
         built += [] if together is None else [together]
     if not built:
         return comparison
-    equal = [one for one in built if _nothing_left(one)]
-    if not equal:
-        odds = _log_odds(built)
-        equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
+    equal = _likeliest(built)
     # Of one cause in fewer and in more numbers the former.
     simplest = {
         tuple(c.what for c in one.posterior.best.chosen): one
@@ -422,6 +422,34 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
             return replace(comparison, posterior=own)
     others = [one for one in others if len(one.posterior.best.chosen) == 1]
     return _beside(_at_causes(point, first.posterior) or comparison, point, others)
+
+
+def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparison]:
+    """Rivals that settle where they are built, each by its own columns."""
+    settled = [_settled(point.narrowed(one), one, True) for one in rivals]
+    return [one for one in settled if one is not None and one.posterior.best.chosen]
+
+
+def _likeliest(built: Sequence[HypothesisComparison]) -> list[HypothesisComparison]:
+    """Those that leave nothing, or else those as likely as the best."""
+    equal = [one for one in built if _nothing_left(one)]
+    if equal or not built:
+        return equal
+    odds = _log_odds(built)
+    return [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
+
+
+def _in_sample(point: Point, rivals: Sequence[Posterior]) -> Sequence[Posterior]:
+    """The rivals that a sample of the rows does not exclude."""
+    if len(rivals) <= TOGETHER or len(point.log.intervals) < 2 * SAMPLE:
+        return rivals
+    if point.forces.filter is not None:
+        return rivals
+    try:
+        likely = _likeliest(_built(point.sampled(SAMPLE), rivals))
+    except (FlowError, np.linalg.LinAlgError):
+        return rivals
+    return [one.posterior for one in likely] or rivals
 
 
 def _rank(comparison: HypothesisComparison) -> tuple[int, int]:

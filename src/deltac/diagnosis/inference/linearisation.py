@@ -49,7 +49,7 @@ from deltac.diagnosis.inference.integrators import (
     maps,
 )
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
-from deltac.diagnosis.inference.observations import Observations
+from deltac.diagnosis.inference.observations import LONG_STRETCHES, Observations
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import STIFFEST
 from deltac.errors import InputError
@@ -679,6 +679,21 @@ class Point:
         if not (np.isfinite(moved.flow.w).all() and moved.tangent.finite.all()):
             raise FlowError("the flow of the model with the causes found leaves all bounds")
         return moved.with_columns()
+
+    def sampled(self, count: int) -> Point:
+        """The same at some stretches of so many intervals in all; itself where there are no more."""
+        N, log, of = len(self.log.intervals), self.log, self.forces
+        if count >= N:
+            return self
+        size = count // LONG_STRETCHES
+        starts = np.linspace(0, N - size, LONG_STRETCHES).astype(np.intp)
+        some = np.unique(np.add.outer(starts, np.arange(size)))
+        log = log.without(~np.isin(np.arange(N), some))
+        logged = LoggedForce.of(log.intervals, log.pieces, of.logged.counts[some])
+        first, last = (x[some] for x in self.model_noise)
+        moved = replace(self, log=log, model_noise=(first, last), accelerations=None, states=())
+        moved = moved.with_flow(forces=replace(of, logged=logged)).with_tangent()
+        return moved.with_process_noise().with_columns()
 
     def narrowed(self, found: Posterior) -> Point:
         """The same with the columns of some causes only: those that are built anew are compared by these."""

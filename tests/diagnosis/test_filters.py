@@ -121,12 +121,17 @@ def driven(
     )  # fmt: skip
 
 
-THROUGH = [late, in_time, steeply, averaged]
+THROUGH = [late, in_time]
+MORE = [steeply, averaged]
 
 
 @pytest.mark.parametrize(
     ("through", "all_columns"),
-    [*((f, False) for f in THROUGH), *((f, True) for f in THROUGH if f is not steeply)],
+    [
+        *((f, False) for f in THROUGH),
+        *(pytest.param(f, False, marks=pytest.mark.slow) for f in MORE),
+        *(pytest.param(f, True, marks=pytest.mark.slow) for f in (in_time, averaged)),
+    ],
 )
 def test_a_filter_hides_no_integrator(
     through: Callable[[np.ndarray], np.ndarray], all_columns: bool
@@ -145,7 +150,9 @@ def test_a_filter_hides_no_integrator(
     assert abs(audit.attribution.integrator.energy) < 1e-8 * audit.ledger.energy_exchanged
 
 
-@pytest.mark.parametrize("through", THROUGH)
+@pytest.mark.parametrize(
+    "through", [*THROUGH, *(pytest.param(f, marks=pytest.mark.slow) for f in MORE)]
+)
 def test_a_filter_hides_no_mistake(through: Callable[[np.ndarray], np.ndarray]) -> None:
     audit = dc.audit(*driven(1.5 * DAMPING, through))
     assert audit.verdict.kind == "equation-error", audit.verdict.explain()

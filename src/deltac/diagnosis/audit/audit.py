@@ -656,7 +656,15 @@ def _inferred(
     if through is None:
         inference = begun.with_causes(limit, lacking)
         # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
-        if asked and inference is not None and (inference.late or inference.excess > KNOWN):
+        if (
+            asked
+            and inference is not None
+            and (
+                inference.late
+                or inference.excess > KNOWN
+                or (inference.finds_something and not inference.closes)
+            )
+        ):
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
         return inference, None

@@ -245,7 +245,8 @@ def of_scattered_steps(
     # It is all that the balance leaves. Noise comes and goes in that and in what the series leaves of it.
     curve = parts.integrator.curve + parts.log.curve - of_log
     each = np.minimum(*map(_of_scatter, (work - blows, np.diff(curve, prepend=0.0))))
-    bars = [parts.log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
+    own, log = parts.integrator.curve_error, parts.log.curve_error
+    bars = [own, log, each + disputed, np.cumsum(np.abs(blows))]
     integrator = Share(curve, np.linalg.norm(bars, axis=0))
     return replace(parts, integrator=integrator, log=replace(parts.log, curve=of_log)), blows
 

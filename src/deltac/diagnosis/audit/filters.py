@@ -190,14 +190,14 @@ class _FilteredRows:
     """Rows of a log that went through a filter, perhaps beside causes of these columns.
 
     coefficients  of the columns that the equations have already
-    few           columns that causes have, where these are known
+    acting        columns that causes have, where these are known
     """
 
     model: LogModel
     run: Trajectory
     kernels: tuple[ColumnKernels, ...]
     coefficients: Array | None = None
-    few: tuple[int, ...] = ()
+    acting: tuple[int, ...] = ()
 
     @cached_property
     def plant(self) -> LogModel:
@@ -314,8 +314,8 @@ class _FilteredRows:
         whats = [column.what for kernels in self.kernels for column in kernels.columns]
         # What is late in the log does what a filter does.
         acting = ~np.isin(whats, COLUMNS_OF_THE_LOG)
-        if self.few:
-            acting &= np.isin(np.arange(len(whats)), self.few)
+        if self.acting:
+            acting &= np.isin(np.arange(len(whats)), self.acting)
         return self._flat(np.where(acting, point.tangent.transported(columns), 0.0))
 
     def _fitted(
@@ -324,6 +324,8 @@ class _FilteredRows:
         """What each kind of step leaves beside changes and causes, with the numbers of the former."""
         point = self._point(run)
         basis = self._of_causes(point)
+        if not np.isfinite(basis).all():
+            raise FlowError("causes have no finite effect on what went into the filter")
         if basis.shape[1]:
             basis = orth(basis * inverse_sizes(np.sum(basis**2, axis=0)), rcond=SAME)
         fits = list[tuple[float, Array, Step]]()
@@ -333,6 +335,8 @@ class _FilteredRows:
             # In most intervals: blows are of a few, which few numbers could explain.
             each = ((r + D @ numbers) ** 2).reshape(len(run) - 1, -1).mean(axis=1)
             fits.append((float(np.sqrt(np.median(each))), numbers, step))
+        if not fits:
+            raise FlowError("no step is finite between the rows of what went into the filter")
         return fits
 
     def with_causes(self, fit: _Fit) -> _FilteredRows:
@@ -341,11 +345,14 @@ class _FilteredRows:
         All columns together do what a filter does, and causes are not linear in their size.
         """
         point = self._point(fit.filter.before(self.run))
-        _, r, D = next(self._departures(point, *self._changes(fit.filter), fit.steps[:1]))
-        B = self._of_causes(point)
+        steps = self._departures(point, *self._changes(fit.filter), fit.steps[:1])
+        B, step = self._of_causes(point), next(steps, None)
+        if step is None or not np.isfinite(B).all():
+            raise FlowError("no step is finite between the rows of what went into the filter")
+        _, r, D = step
         d = inverse_sizes(np.sum(B**2, axis=0))
-        X, some, start = B * d, list(self.few), 0.0
-        while not self.few and len(some) < COLUMNS:
+        X, some, start = B * d, list(self.acting), 0.0
+        while not self.acting and len(some) < COLUMNS:
             basis = orth(np.column_stack([D, X[:, some]]), rcond=SAME)
             rest, left = (x - basis @ (basis.T @ x) for x in (r, X))
             start = start if some else float(rest @ rest)
@@ -358,7 +365,7 @@ class _FilteredRows:
         both = np.column_stack([X[:, some], D])
         change[some] = (np.linalg.lstsq(both, r, rcond=SAME)[0])[: len(some)]
         own = np.zeros(len(d)) if self.coefficients is None else self.coefficients
-        return replace(self, coefficients=own + d * change, few=tuple(some))
+        return replace(self, coefficients=own + d * change, acting=tuple(some))
 
 
 def _likely(rows: _FilteredRows) -> Iterator[_Fit]:
@@ -405,8 +412,7 @@ def unfiltered(
     with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
         if _FilteredRows(model, part, ()).exact:
             return None
-        few = _FilteredRows(model, part, kernels)
-        for fit in _likely(few):
+        for fit in _likely(_FilteredRows(model, part, kernels)):
             rows = _FilteredRows(model, part if kernels else run, kernels)
             settled = rows.settled(fit)
             for _ in range(RELINEARISATIONS if kernels else 0):

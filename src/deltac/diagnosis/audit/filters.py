@@ -58,6 +58,9 @@ LEFT_OF_INPUT = 0.3
 NOTHING = 0.01
 """The same where the filter is all that is wrong with a log."""
 
+SLOWEST = 1e-5
+"""Lowest frequency at which a filter is looked at, in half that of the rows: of a motion of hours."""
+
 NOTCH = 6
 """Powers m of s up to which what alternates is told from a motion."""
 
@@ -81,8 +84,11 @@ class LowPass:
 
     @property
     def low_pass(self) -> bool:
-        """Whether it is late, or keeps the time, and makes no frequency larger."""
-        frequencies = np.linspace(0.0, 0.99 * np.pi, 100)
+        """Whether it is late, or keeps the time, and makes no frequency larger.
+
+        The inverse of one that does may leave nothing of a motion of one mode.
+        """
+        frequencies = np.pi * np.geomspace(SLOWEST, 0.99, 400)
         own, rest = (
             np.abs(np.exp(-1j * frequencies[:, None] * np.arange(len(w))) @ w)
             for w in self._weights

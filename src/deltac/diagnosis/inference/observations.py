@@ -254,15 +254,22 @@ LONG_STRETCHES = 4
 
 
 def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[int, int]]:
-    """Stretches with so many rows in all, taken from those of a log in proportion to their lengths."""
+    """Stretches with so many rows in all, taken from those of a log in proportion to their lengths.
+
+    The first and the last are at its ends: what it does between stretches follows from both sides.
+    """
     chosen = list[tuple[int, int]]()
-    for a, b in edges:
+    for k, (a, b) in enumerate(edges):
         share = max(SHORTEST_PART, int(most * (b - a) / total))
         parts = max(1, min(LONG_STRETCHES // len(edges), share // SHORTEST_PART))
         size = min(share // parts, b - a)
-        chosen += [(int(s), int(s) + size) for s in np.linspace(a, b - size, parts).astype(int)]
-    while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 1:
-        chosen = chosen[::2]
+        places = np.linspace(0.0, 1.0, parts) if parts > 1 else [k / max(len(edges) - 1, 1)]
+        chosen += [
+            (a + int(x * (b - a - size)), a + int(x * (b - a - size)) + size) for x in places
+        ]
+    while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 2:
+        some = np.linspace(0, len(chosen) - 1, len(chosen) // 2).astype(int)
+        chosen = [chosen[j] for j in some.tolist()]
     return chosen
 
 

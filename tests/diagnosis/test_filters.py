@@ -142,7 +142,10 @@ def test_a_filter_hides_no_integrator(
     [told] = [f for f in audit.findings if f.kind == "filtered"]
     # The delay of an analogue filter is b₁/b₀ of its polynomial: √2 and √(4 + 2√2) for Butterworth's.
     warped = 2.0 * np.tan(0.5 * np.pi * CUT)
-    of_unit = {late: np.sqrt(2.0), steeply: np.sqrt(4.0 + 2.0 * np.sqrt(2.0))}
+    of_unit: dict[Callable[[np.ndarray], np.ndarray], float] = {
+        late: np.sqrt(2.0),
+        steeply: np.sqrt(4.0 + 2.0 * np.sqrt(2.0)),
+    }
     assert told.factor == pytest.approx(STEP * of_unit.get(through, 0.0) / warped, rel=1e-4)
     # The classical method is exact to h⁵: 1e-9 of the energy that flows.
     assert audit.integrator is not None and audit.attribution is not None

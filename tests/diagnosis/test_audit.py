@@ -284,3 +284,22 @@ def test_arguments_that_make_no_sense() -> None:
         audit(model_of(ARM), arm_run(), mapping="map.toml")
     with pytest.raises(dc.InputError, match="model: found int"):
         audit(3, arm_run())  # type: ignore[arg-type]
+
+
+def test_a_force_without_a_law_is_left_to_the_log() -> None:
+    """A point mass under a thrust of time, by its closed form: the log alone has the force."""
+    t = 0.01 * np.arange(301)
+    force, w = 2.0 * np.cos(3.0 * t), 3.0
+    q, u = 2.0 * (1.0 - np.cos(w * t)) / w**2, 2.0 * np.sin(w * t) / w
+    model = dc.Mechanism(
+        [dc.point_mass("sled", 1.0)],
+        [dc.prismatic("rail", "ground", "sled", "x")],
+        forces=[dc.forces.point_force("thruster", "sled")],
+    )
+    run = dc.Trajectory(
+        t=t, q=q[:, None], u=u[:, None], coordinates=("rail",), speeds=("rail",),
+        forces={"applied thruster": force[:, None]}, provenance=dc.Provenance("by hand"),
+    )  # fmt: skip
+    audit = dc.audit(model, run)
+    assert audit.verdict.kind == "consistent", audit.verdict.explain()
+    assert not [f for f in audit.findings if f.weight == "cause"]

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.diagnosis.inference.model import LogModel
+from deltac.diagnosis.inference.reduced import reductions
 from tests.support.slow import repeated
 
 LENGTH, FOOT, ROD, HEAD, INERTIA, BRAKE, GRAVITY = 1.2, 0.5, 0.2, 0.4, 0.05, 0.3, 9.81
@@ -62,16 +64,19 @@ def heun(f: Rate, q: float, u: float, h: float) -> tuple[float, float]:
 
 
 def slid(step: Step, h: float = 1e-3, rows: int = 400) -> dc.Trajectory:
-    q, u, table = 0.35, 0.4, []
-    for k in range(rows):
-        x, y = LENGTH * np.sin(q), LENGTH * np.cos(q)
-        table.append((k * h, x, q, y, u * y, u, -u * x))
-        q, u = step(acceleration, q, u, h)
-    t, *columns = np.array(table).T
+    states = [(0.35, 0.4)]
+    for _ in range(rows - 1):
+        states.append(step(acceleration, *states[-1], h))
+    return of_angle(h * np.arange(rows, dtype=float), *np.array(states).T)
+
+
+def of_angle(t: np.ndarray, q: np.ndarray, u: np.ndarray) -> dc.Trajectory:
+    """All coordinates and speeds by those of the angle."""
+    x, y = LENGTH * np.sin(q), LENGTH * np.cos(q)
     return dc.Trajectory(
         t=t,
-        q=np.column_stack(columns[:3]),
-        u=np.column_stack(columns[3:]),
+        q=np.column_stack([x, q, y]),
+        u=np.column_stack([u * y, u, -u * x]),
         coordinates=("floor", "turn", "wall"),
         speeds=("floor", "turn", "wall"),
         provenance=dc.Provenance("by hand"),
@@ -83,6 +88,18 @@ def energy(run: dc.Trajectory) -> np.ndarray:
     s, c = np.sin(q), np.cos(q)
     mass = INERTIA + LENGTH**2 * ((FOOT + ROD) * c**2 + HEAD * s**2)
     return np.asarray(0.5 * mass * u**2 + HEAD * GRAVITY * LENGTH * c)
+
+
+def test_inertia_is_that_of_the_independent_speeds() -> None:
+    """The foot carries the mass of the rod, which turns about it."""
+    run = slid(semi_implicit_euler)
+    by_hand = {"floor": FOOT + ROD, "turn": INERTIA, "wall": HEAD}
+    some = list(reductions(LogModel(ladder(), run), run))
+    assert some
+    for reduced in some:
+        [speed] = reduced.of_u
+        expected = np.full((len(run), 1), by_hand[run.speeds[speed]])
+        assert reduced.inertia(reduced.rows(run)) == pytest.approx(expected, rel=1e-12)
 
 
 METHODS = {

@@ -3,7 +3,7 @@
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
 makes of analogue ones, as Butterworth's (Oppenheim & Schafer, Discrete-Time Signal Processing, §7.1). Forward
-and backward, as filters that keep the time are run, it is x + p X x + r X²x + …, where X = −D² is of both
+and backward, as filters of zero phase are run, it is x + p X x + r X²x + …, where X = −D² is of both
 directions. What went in follows from row to row by the equations and an integrator: the numbers are those of
 the least prediction errors, by the method of Gauss and Newton.
 
@@ -50,7 +50,7 @@ from deltac.results import percent
 from deltac.trajectories import Trajectory
 
 ORDERS = (2, 4)
-"""Of the filters that are looked for, one after the other."""
+"""Orders of the filters that are tried, one after the other."""
 
 LEFT_OF_INPUT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
@@ -59,10 +59,10 @@ NOTHING = 0.01
 """The same where the filter is all that is wrong with a log."""
 
 SLOWEST = 1e-5
-"""Lowest frequency at which a filter is looked at, in half that of the rows: of a motion of hours."""
+"""Lowest frequency at which gains are compared, as a fraction of the Nyquist frequency."""
 
 NOTCH = 6
-"""Powers m of s up to which what alternates is told from a motion."""
+"""The power m of the notch 1 − sᵐ at the Nyquist frequency: flat to order 2m for slow motions."""
 
 OF_S = np.array([-0.25, 0.5, -0.25])
 """s as weights of three neighbouring rows."""
@@ -73,7 +73,7 @@ class LowPass:
     """A filter of even order by the numbers of its inverse: a, b, …, or p, r, … if it is run both ways.
 
     trapezoid  whether D is that of the trapezoid rule
-    both_ways  whether it is run forward and backward, and keeps the time
+    both_ways  whether it is run forward and backward, which makes its phase zero
     forces     whether logged forces went through it as well
     """
 
@@ -84,9 +84,9 @@ class LowPass:
 
     @property
     def low_pass(self) -> bool:
-        """Whether it is late, or keeps the time, and makes no frequency larger.
+        """Whether it is late or of zero phase, and amplifies no frequency.
 
-        The inverse of one that does may leave nothing of a motion of one mode.
+        The inverse of an amplifier could cancel a motion of a single mode.
         """
         frequencies = np.pi * np.geomspace(SLOWEST, 0.99, 400)
         own, rest = (
@@ -103,7 +103,7 @@ class LowPass:
 
     @property
     def _weights(self) -> tuple[Array, Array]:
-        """Of neighbouring rows, from the earliest on: for what went in, and for what did not go through."""
+        """Weights of neighbouring rows, the earliest first: of the inverse, and of the notch alone."""
         order, trapezoid = len(self.numbers), self.trapezoid
         numbers = np.array([1.0, *self.numbers])
         # 1/(1 − s) and 1 − sᵐ, as often as 1 − s is in the denominator.
@@ -431,10 +431,12 @@ def unfiltered(
 
 def _told(own: LowPass, h: float, left: float) -> Finding:
     what = "all columns" if own.forces else "coordinates and speeds"
-    late = f"is {own.delay * h:.3g} s late" if own.delay else "keeps the time"
+    kind = "zero-phase filter"
+    if own.delay:
+        kind = f"filter that is {own.delay * h:.3g} s late"
     return Finding(
         "filtered",
-        f"{what} of the log went through a filter that {late}",
+        f"{what} of the log went through a {kind}",
         f"of what went in, the equations leave {percent(left)} of what they leave of the log",
         "Log what goes into the filter; it is what is judged",
         "note",

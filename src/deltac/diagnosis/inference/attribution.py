@@ -40,7 +40,7 @@ from deltac.diagnosis.inference.integrators import (
     numbers_of,
 )
 from deltac.diagnosis.inference.linearisation import Point
-from deltac.diagnosis.inference.methods import FAR, alike
+from deltac.diagnosis.inference.methods import FAR, as_likely
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
@@ -335,15 +335,10 @@ def _near_methods(comparison: HypothesisComparison) -> Iterator[Array]:
     at, point, method = comparison.at, comparison.point, comparison.methods[0]
     if method.order != 2 or point.log.unknown.any():
         return
-    flow, Phi = point.flow, at.innovations.Phi
-    others = list(maps(flow.plant, flow.intervals, point.forces.between, flow.counts, 1, USUAL))
-    ends = [comparison.maps[0], *others]
-    change = comparison.posterior.best.coefficients - point.coefficients
-    moved = at.moved_by(at.numbers, point.log.steps) @ change
-    white, _ = at.innovations(np.stack([point.errors(of.end, Phi) - moved for of in ends], axis=2))
-    for k in alike(white, 0, point.log.rounding):
-        if k:
-            yield flow.plant.difference(flow.end, ends[k].end)
+    flow = point.flow
+    others = maps(flow.plant, flow.intervals, point.forces.between, flow.counts, 1, USUAL)
+    likely = as_likely(at, [comparison.maps[0], *others], 0, comparison.posterior.best)
+    yield from (flow.plant.difference(flow.end, of.end) for of in likely[1:])
 
 
 def _other_states(comparison: HypothesisComparison) -> tuple[tuple[Map, Observations], ...]:

@@ -148,12 +148,17 @@ def best_of(
     ends = [*ends, *methods.others][: max(len(ends), len(trials))]
     k = _likeliest(at, trials)
     best, own = trials[k]
+    return as_likely(at, ends, k, own.best), best, own
+
+
+def as_likely(at: Regression, ends: Sequence[Map], best: int, fit: Fit) -> list[Map]:
+    """The best of several maps, and those that are as likely beside the causes of a fit."""
     point, Phi = at.point, at.innovations.Phi
-    change = own.best.coefficients - point.coefficients
+    change = fit.coefficients - point.coefficients
     moved = at.moved_by(at.numbers, point.log.steps) @ change
     white, _ = at.innovations(np.stack([point.errors(of.end, Phi) - moved for of in ends], axis=2))
-    likely = alike(white, k, point.log.rounding)
-    return [ends[k], *(ends[i] for i in likely if i != k)], best, own
+    likely = alike(white, best, point.log.rounding)
+    return [ends[best], *(ends[i] for i in likely if i != best)]
 
 
 def _likeliest(at: Regression, trials: Sequence[tuple[Block, Posterior]]) -> int:

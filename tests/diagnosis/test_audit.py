@@ -288,7 +288,7 @@ def test_arguments_that_make_no_sense() -> None:
 
 def test_a_force_without_a_law_is_left_to_the_log() -> None:
     """A point mass under a thrust of time, by its closed form: the log alone has the force."""
-    t = 0.01 * np.arange(301)
+    t = 0.01 * np.arange(301, dtype=float)
     force, w = 2.0 * np.cos(3.0 * t), 3.0
     q, u = 2.0 * (1.0 - np.cos(w * t)) / w**2, 2.0 * np.sin(w * t) / w
     model = dc.Mechanism(

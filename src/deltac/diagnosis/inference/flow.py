@@ -7,15 +7,14 @@ components: δq = W δθ, so that quaternions have three.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
@@ -64,7 +63,7 @@ def predict(
     if not steps:
         probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
         few, steps = intervals.take(probes), 2
-        of_few = restricted(force, probes)
+        of_few = force.take(probes)
         coarse = _flow(model, few, of_few, 1, 1, parts[probes])[-1]
         while True:
             fine = _flow(model, few, of_few, steps, 1, parts[probes])[-1]
@@ -81,7 +80,7 @@ def predict(
         if not len(some) or len(some) > 0.5 * len(intervals):
             break
         each = 4**level
-        own = restricted(force, some)
+        own = force.take(some)
         finer = _flow(model, intervals.take(some), own, steps, each, parts[some])
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
         nodes = [rows.replaced(some, other) for rows, other in zip(nodes, finer, strict=True)]
@@ -129,6 +128,25 @@ def runge_kutta(
     return q, u
 
 
+def repeated(
+    at: Rows, counts: NDArray[np.intp], force: ForceBetween, step: Callable[..., Rows]
+) -> Rows:
+    """Rows after `counts` (N,) steps of each.
+
+    `step` makes the k-th of those intervals, in an array or all, that have as many; it takes the rows, k, the
+    intervals, their counts (N, 1), one number where all are alike, and the forces in them.
+    """
+    most, alike = int(counts.max()), not np.ptp(counts)
+    for k in range(most):
+        some = np.flatnonzero(counts > k)
+        if len(some) == len(counts):
+            at = step(at, k, slice(None), most if alike else counts[:, None], force)
+        else:
+            own = step(at.take(some), k, some, counts[some, None], force.take(some))
+            at = at.replaced(some, own)
+    return at
+
+
 def _flow(
     model: LogModel,
     intervals: Intervals,
@@ -141,39 +159,26 @@ def _flow(
 
     Steps are as many more as the parts (N,) of an interval need over which forces are held.
     """
-    kinds = np.unique(parts)
-    if len(kinds) == 1:
-        return _flow_alike(model, intervals, force, count, each, int(kinds[0]))
-    nodes = [intervals.start] * (count + 1)
-    for kind in kinds:
-        some = np.flatnonzero(parts == kind)
-        own = restricted(force, some)
-        states = _flow_alike(model, intervals.take(some), own, count, each, int(kind))
-        nodes = [rows.replaced(some, other) for rows, other in zip(nodes, states, strict=True)]
-    return nodes
-
-
-def _flow_alike(
-    model: LogModel, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
-) -> list[Rows]:
-    """The same where all intervals have as many parts."""
     tableau = tableau_of("ode8")
     assert tableau is not None
-    each *= parts // gcd(parts, count)
-    whole = count * each
-    start, h = intervals.start, intervals.h / whole
+    start, several = intervals.start, bool(parts.max() > 1)
+    counts = each * parts // np.gcd(parts, count)
+    h = intervals.h / (count * counts)[:, None]
+
+    def step(
+        at: Rows, k: int, some: slice | NDArray[np.intp], counts: int | Array, force: ForceBetween
+    ) -> Rows:
+        before, whole = (len(nodes) - 1) * counts + k, count * counts
+
+        def within(c: float, _: int = 0) -> Array:
+            return force((before + c) / whole, before / whole if several else None)
+
+        q, u = runge_kutta(model, tableau, at, h[some], within)
+        return Rows(at.t + h[some, 0], q, u, force((before + 1) / whole))
+
     nodes = [Rows(start.t, start.q, start.u, force(0.0))]
-    at = nodes[0]
-    for k in range(whole):
-        begin = k / whole if parts > 1 else None
-
-        def within(c: float, _: int = 0, k: int = k, begin: float | None = begin) -> Array:
-            return force((k + c) / whole, begin)
-
-        q, u = runge_kutta(model, tableau, at, h, within)
-        at = Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / whole))
-        if (k + 1) % each == 0:
-            nodes.append(at)
+    for _ in range(count):
+        nodes.append(repeated(nodes[-1], counts, force, step))
     return nodes
 
 

@@ -6,7 +6,7 @@ have been held over each of them: a stair, which on average is its line half a s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Protocol
@@ -20,12 +20,29 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Intervals
 
 
-class ForceBetween(Protocol):
-    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
+@dataclass(frozen=True, eq=False)
+class ForceBetween:
+    """Logged forces at fractions of each interval, each column by its kind, see `FORCES`.
 
-    def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
-        """The forces; without a begin, the mean course of those that are held over several steps."""
-        ...
+    at    the forces (N, m) at a fraction, in a step that begins at another
+    kept  the same, of one fraction in all intervals: methods and their derivatives ask for it again
+    """
+
+    logged: LoggedForce
+    kinds: tuple[str, ...]
+    at: Callable[..., Array]
+    kept: Callable[..., Array]
+
+    def __call__(self, fraction: float | Array, begin: float | Array | None = None) -> Array:
+        """The forces; without a begin, the mean course of those that are held over several steps.
+
+        Fractions are of all intervals, or of each its own (N, 1).
+        """
+        return (self.kept if isinstance(fraction, float) else self.at)(fraction, begin)
+
+    def take(self, which: NDArray[np.intp]) -> ForceBetween:
+        """Those in some of the intervals."""
+        return self.logged.take(which)(self.kinds)
 
 
 class ForceInStep(Protocol):
@@ -75,38 +92,43 @@ class LoggedForce:
     gap: Array
     counts: NDArray[np.intp]
 
-    def parts(self, s: float, begin: float | None = None) -> tuple[Array, Array, Array, Array]:
-        """What a, b, c and d multiply at the fraction s, in a step that begins at another."""
+    def part(self, which: int, s: float | Array, begin: float | Array | None = None) -> Array:
+        """What a, b, c or d multiplies at the fraction s, in a step that begins at another."""
+        if which < 2:
+            return s * self.change if which else self.change
+        if which == 2:
+            return self._bent(s)
         # Of several steps, half of one later on average.
         count = self.counts[:, None]
         held = np.where(count > 1, s - 0.5 / count, 0.0)
         if begin is not None:
             held = np.floor(begin * count + EPS * count) / count
-        bent = self._bent(s)
-        return (
-            self.change,
-            s * self.change,
-            bent,
-            (held - s) * self.change + self._bent(held) - bent,
-        )
+        return np.asarray((held - s) * self.change + self._bent(held) - self._bent(s))
 
     def _bent(self, s: float | Array) -> Array:
         first, last = self.bends
         return np.asarray(s * (1.0 - s) * ((1.0 - s) * first - s * last))
 
     def __call__(self, kinds: tuple[str, ...]) -> ForceBetween:
-        """The forces of each column by its kind, see `FORCES`."""
+        """The forces of each column by its kind."""
         weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 4).T
+        some = np.flatnonzero(weights.any(axis=1)).tolist()
 
-        # Methods and their derivatives ask for the same stages again and again.
-        @lru_cache(KEPT_FRACTIONS)
-        def at(s: float, begin: float | None = None) -> Array:
+        def at(s: float | Array, begin: float | Array | None = None) -> Array:
             F = self.first
-            for weight, part in zip(weights, self.parts(s, begin), strict=True):
-                F = F + weight * part if weight.any() else F
+            for k in some:
+                F = F + weights[k] * self.part(k, s, begin)
             return F
 
-        return at
+        return ForceBetween(self, kinds, at, lru_cache(KEPT_FRACTIONS)(at))
+
+    def take(self, which: NDArray[np.intp]) -> LoggedForce:
+        """Those in some of the intervals."""
+        first, last = self.bends
+        return LoggedForce(
+            self.first[which], self.change[which], (first[which], last[which]), self.doubt[which],
+            self.gap[which], self.counts[which],
+        )  # fmt: skip
 
     @staticmethod
     def filtered(
@@ -227,11 +249,6 @@ class InterpolatedForces:
         logged = LoggedForce.of(late, pieces)
         forces = InterpolatedForces(logged, smooth, self.declared, (delay, spread), unfiltered)
         return forces, late
-
-
-def restricted(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
-    """The forces in some of the intervals."""
-    return lambda s, begin=None: np.asarray(force(s, begin)[which])
 
 
 def impulse(response: Array, force: Array, h: Array) -> Array:

@@ -21,8 +21,8 @@ from scipy.linalg import solve_banded
 
 from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.inference.fields import FIELDS
-from deltac.diagnosis.inference.flow import runge_kutta
-from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
+from deltac.diagnosis.inference.flow import repeated, runge_kutta
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, LoggedForce
 from deltac.diagnosis.inference.model import AT_ONCE, Intervals, LogModel, Rows
 from deltac.results import SHOWN
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
@@ -537,7 +537,7 @@ def transition(model: LogModel, of: Map, intervals: Intervals, force: ForceBetwe
         some = starts[first : first + each]
         many = np.tile(np.arange(len(at.t)), len(some))
         moved = replace(intervals.take(many), start=Rows.join(some))
-        ends = _repeated(model, of.method, moved, restricted(force, many), of.counts[many])
+        ends = _repeated(model, of.method, moved, force.take(many), of.counts[many])
         change = model.difference(of.end.take(many), ends).reshape(len(some), len(at.t), -1)
         for k, (one, d) in enumerate(zip(change, sizes[first:], strict=False), first):
             Phi[:, :, k] = one / d
@@ -617,7 +617,8 @@ def by_causes(
     if method.step is not None:
         still = Intervals(start, end)
         counts = np.repeat(of.counts, units)
-        moved = _repeated(variation, method, still, lambda *_: start.F, counts)
+        none = LoggedForce.of(still, [])(())
+        moved = _repeated(variation, method, still, none, counts)
         q, u = moved.q, moved.u
     elif method.defect is not None:
         q, u = method.defect(variation, start, end, np.repeat(intervals.h, units, axis=0))
@@ -649,35 +650,22 @@ def _repeated(
     counts: NDArray[np.intp],
 ) -> Rows:
     """The states after `counts` (N,) steps in each interval."""
-    if not np.ptp(counts):
-        return _stepped(model, method, intervals, force, int(counts[0]))
-    rows, intervals = (
-        intervals.start,
-        replace(intervals, stages=()),
-    )  # which are those of single steps
-    for count in np.unique(counts).tolist():
-        some = np.flatnonzero(counts == count)
-        own = _stepped(model, method, intervals.take(some), restricted(force, some), count)
-        rows = rows.replaced(some, own)
-    return rows
-
-
-def _stepped(
-    model: LogModel, method: Integrator, intervals: Intervals, force: ForceBetween, count: int
-) -> Rows:
-    """The same of as many steps in all."""
-    assert method.step is not None
-    known = count == 1 and method.stages == len(intervals.stages) + 1
+    make, h = method.step, intervals.h / counts[:, None]
+    assert make is not None
+    # Stages are those of single steps.
+    known = counts.max() == 1 and method.stages == len(intervals.stages) + 1
     stages = intervals.stages if known else ()
-    rows, h = intervals.start, intervals.h / count
-    for k in range(count):
 
-        def within(c: float, stage: int = 0, k: int = k) -> Array:
-            return stages[stage - 1] if stages and stage else force((k + c) / count, k / count)
+    def step(
+        at: Rows, k: int, some: slice | NDArray[np.intp], counts: int | Array, force: ForceBetween
+    ) -> Rows:
+        def within(c: float, stage: int = 0) -> Array:
+            return stages[stage - 1] if stages and stage else force((k + c) / counts, k / counts)
 
-        q, u = method.step(model, rows, h, within)
-        rows = Rows(rows.t + h[:, 0], q, u, within(1.0))
-    return rows
+        q, u = make(model, at, h[some], within)
+        return Rows(at.t + h[some, 0], q, u, within(1.0))
+
+    return repeated(intervals.start, counts, force, step)
 
 
 TRIED = 6

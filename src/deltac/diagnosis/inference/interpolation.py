@@ -107,9 +107,10 @@ def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
     held, forces = _times_held(point), point.forces
     stairs = forces.held(held[0]) if held and "step" not in forces.kinds else forces
     kinds = [kind for kind in FORCES if kind != "step"]
-    parts = [stairs.logged.parts(s) for s in np.linspace(0.0, 1.0, 5)]
+    nodes = np.linspace(0.0, 1.0, 5)
+    parts = [np.array([stairs.logged.part(k, s) for s in nodes]) for k in range(4)]
     columns = [
-        impulse(response, np.array([part[which][:, k] for part in parts]), point.log.intervals.h)
+        impulse(response, parts[which][:, :, k], point.log.intervals.h)
         for k, response in enumerate(point.flow.force_responses)
         for which in range(4)
     ]

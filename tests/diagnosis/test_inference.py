@@ -230,11 +230,11 @@ def test_what_the_rows_are_off_by_is_its_mean_given_the_prediction_errors(speeds
         some = slice(k * 2 * n, (k + 1) * 2 * n)
         S[some, some] += Q[k]
     expected = (rows.ravel() ** 2 * (E.T @ np.linalg.solve(S, w.ravel()))).reshape(rows.shape)
-    found = Innovations(pieces, Phi, (start, end), Q, speeds).errors(w)
+    found = Innovations(pieces, Phi, (start, end), Q, speeds).errors(w[:, :, None])
     # The condition of the covariance is 1e12 without speeds.
     for k in range(N):
         for x, at in zip(found, (k + (k >= 5), k + (k >= 5) + 1)):
-            assert x[k] == pytest.approx(expected[at], abs=1e-7 if speeds else 1e-3)
+            assert x[k, :, 0] == pytest.approx(expected[at], abs=1e-7 if speeds else 1e-3)
 
 
 def test_without_speeds_nothing_is_assumed_of_them() -> None:

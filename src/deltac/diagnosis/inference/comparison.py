@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -277,17 +278,20 @@ def _at_likeliest_states(comparison: HypothesisComparison) -> Point:
     change = best.coefficients - point.coefficients
     causes = at.moved_by(at.numbers, point.log.steps) @ change
 
-    def states(residual: Array) -> Observations:
-        return point.log.at(point.model, at.innovations.errors(residual - causes))
+    def states(residuals: Sequence[Array]) -> list[Observations]:
+        errors = at.innovations.errors(np.stack(residuals, axis=2) - causes[:, :, None])
+        each = (tuple(x[:, :, k] for x in errors) for k in range(len(residuals)))
+        return [point.log.at(point.model, (start, end)) for start, end in each]
 
     def moved(of: Map, log: Observations) -> tuple[Map, Observations]:
-        force, counts = point.forces.between, flow.counts
-        return next(maps(flow.plant, log.intervals, force, counts, 1, [of.method]), of), log
+        force, counts, J = point.forces.between, flow.counts, point.tangent.J[-1]
+        return next(maps(flow.plant, log.intervals, force, counts, 1, [of.method], J=J), of), log
 
     # Each method has states of its own, at which it closes the rows or does not.
     own, methods = [(of, point.log) for of in flow.maps if of.method is not EXACT], None
-    for _ in range(2 * SMOOTHINGS):
-        own = [moved(of, states(point.errors(of.end, Phi, log))) for of, log in own]
+    for _ in range(2 * SMOOTHINGS if own else 0):
+        logs = states([point.errors(of.end, Phi, log) for of, log in own])
+        own = [moved(of, log) for (of, _), log in zip(own, logs, strict=True)]
         pairs, methods = own, closest(at, own)
         if methods is not None:
             digits = max(point.log.rounding * rows.r.size, methods.floor)
@@ -300,6 +304,6 @@ def _at_likeliest_states(comparison: HypothesisComparison) -> Point:
         return replace(point, log=likely[0][1], states=tuple(likely))
     w = point.errors(flow.end, Phi)
     if comparison.maps:
-        return replace(point, log=states(w - comparison.defects[0]))
+        return replace(point, log=states([w - comparison.defects[0]])[0])
     fields = rows.projected.nuisance_at(best.coefficients)[: at.fields]
-    return replace(point, log=states(w - at.B[:, :, : at.fields] @ fields))
+    return replace(point, log=states([w - at.B[:, :, : at.fields] @ fields])[0])

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg import lapack
 
 from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.inference.fields import FIELDS
@@ -270,7 +270,7 @@ def _generalized_alpha(
                 mixed = (1.0 - f) * behind[some] + f * before[some]
                 mixed[0] -= m * before[some[0]]
                 bands = np.array([np.full(len(some), 1.0 - m), np.full(len(some), m)])
-                a[1, some] = solve_banded((1, 0), bands, mixed, check_finite=False)
+                a[1, some], _ = lapack.dtbtrs(bands, mixed, uplo="L")
                 a[0, some] = np.concatenate([before[some[:1]], a[1, some[:-1]]])
                 # Another value at the first row fades.
                 fading = (-m / (1.0 - m)) ** np.arange(len(some) + 1.0)[:, None]
@@ -295,8 +295,9 @@ def _generalized_alpha(
             for _ in range(POLISHING):
                 here, ahead = gap(x), gap(x + SLIGHTLY)
                 slope = (ahead - here) / SLIGHTLY
-                x -= float(np.sum(slope * here) / (np.sum(slope**2) + EPS))
-                if not low - SLIGHTLY < x < high + SLIGHTLY:
+                step = float(np.sum(slope * here) / (np.sum(slope**2) + EPS))
+                x -= step
+                if abs(step) < SLIGHTLY or not low - SLIGHTLY < x < high + SLIGHTLY:
                     break
             return x
 
@@ -491,15 +492,17 @@ def maps(
     parts: int = 1,
     methods: Sequence[Integrator] = (),
     causes: Array | None = None,
+    J: Array | None = None,
 ) -> Iterator[Map]:
     """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known.
 
-    Parameters of methods are fitted beside accelerations (N, n, P) of `causes`.
+    Parameters of methods are fitted beside accelerations (N, n, P) of `causes`. J (N, 2n, 2n) is ∂ẋ/∂x near
+    the ends of the intervals, where it is known.
     """
     if counts is None or counts.max() * parts > MOST_STEPS:
         return
     counts, at, end, h = counts * parts, intervals.start, intervals.end, intervals.h
-    J = cache(lambda: model.jacobian(end))
+    slopes = cache(lambda: model.jacobian(end) if J is None else J)
     directions = cache(lambda: Directions.of(model.at(at), causes))
     for method in methods or INTEGRATORS:
         if parts > 1 and (method.step is None or method.order > 2):
@@ -512,7 +515,7 @@ def maps(
             q, u = method.defect(model, at, end, intervals.h)
             # One of Newton's steps, from the row and the right-hand side there.
             gap = model.difference(end, Rows(end.t, q, u, end.F))[:, :, None]
-            step = _newton(method, J(), intervals.h, gap)[:, :, 0]
+            step = _newton(method, slopes(), intervals.h, gap)[:, :, 0]
             yield Map(method, counts, model.displaced(end, step))
         elif method.memory is not None and counts.max() == 1 and np.ptp(h) <= WHOLE * h[0, 0]:
             own = method.memory(model, intervals, directions())
@@ -520,7 +523,7 @@ def maps(
                 continue
             gap = model.difference(end, Rows(end.t, own.q, own.u, end.F))[:, :, None]
             if own.numbers:
-                method, gap = replace(method, numbers=own.numbers), _newton(method, J(), h, gap)
+                method, gap = replace(method, numbers=own.numbers), _newton(method, slopes(), h, gap)
             yield Map(method, counts, model.displaced(end, gap[:, :, 0]), own.columns)
         elif method.step is not None:
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))

@@ -63,36 +63,35 @@ class Innovations:
         return r.reshape(-1, *y.shape[1:])[: len(y)], log_det
 
     def errors(self, w: Array) -> tuple[Array, Array]:
-        """The likeliest errors of the rows at the starts and at the ends of the intervals, (N, 2n) each.
+        """The likeliest errors of the rows at the starts and at the ends of the intervals, (N, 2n, p) each.
 
-        Those of the smoother of Rauch, Tung and Striebel (1965), E e wᵀ (E w wᵀ)⁻¹ w; `w` (N, 2n) are
-        prediction errors without what integrator and causes do.
+        Those of the smoother of Rauch, Tung and Striebel (1965), E e wᵀ (E w wᵀ)⁻¹ w; each of the columns of
+        `w` (N, 2n, p) are prediction errors without what integrator and causes do.
         """
         inverse, below, scale, _ = self._factor
-        r = self(w[:, :, None])[0]
-        x, wide = self._grouped(r)[:, :, 0], below.shape[2]
-        x[-1] = x[-1] @ inverse[-1]
+        r = self(w)[0]
+        x, wide = self._grouped(r), below.shape[2]
+        back, up = inverse.transpose(0, 2, 1), below.transpose(0, 2, 1)
+        x[-1] = back[-1] @ x[-1]
         for k in reversed(range(len(x) - 1)):
-            x[k, -wide:] -= x[k + 1] @ below[k]
-            x[k] = x[k] @ inverse[k]
-        x = x.reshape(-1, r.shape[1])[: len(r)] / scale
-        start, end = (y**2 for y in self.noise)
+            x[k, -wide:] -= up[k] @ x[k + 1]
+            x[k] = back[k] @ x[k]
+        x = x.reshape(-1, *r.shape[1:])[: len(r)] / scale[:, :, None]
+        start, end = (y[:, :, None] ** 2 for y in self.noise)
         if self.speeds:
-            back = _times(x, self.Phi)
+            back = _transposed(self.Phi) @ x
             return start * (self._before(x) - back), end * (x - self._after(back))
         n = w.shape[1] // 2
         p = self._parts
         x[self._last] = 0.0
-        ahead = self._before(_times(x, p.P_after))
-        own, middle = _times(x, p.own), _times(x, p.middle)
+        ahead = self._before(_transposed(p.P_after) @ x)
+        own, middle = _transposed(p.own) @ x, _transposed(p.middle) @ x
         q = start[:, :n] * (own + self._before(middle + ahead))
         q_end = end[:, :n] * (self._after(own) + middle + ahead)
-        told = np.concatenate([ahead - _times(x, p.R), x], axis=1)
-        v = np.einsum("kij,kj->ki", self.Q, told)
+        v = self.Q @ np.concatenate([ahead - _transposed(p.R) @ x, x], axis=1)
         Phi = self.Phi
-        u = q_end - _applied(Phi[:, :n, :n], q) + v[:, :n] - w[:, :n]
-        u = _applied(p.P, u)
-        u_end = w[:, n:] + _applied(Phi[:, n:, :n], q) + _applied(Phi[:, n:, n:], u) - v[:, n:]
+        u = p.P @ (q_end - Phi[:, :n, :n] @ q + v[:, :n] - w[:, :n])
+        u_end = w[:, n:] + Phi[:, n:, :n] @ q + Phi[:, n:, n:] @ u - v[:, n:]
         return np.concatenate([q, u], axis=1), np.concatenate([q_end, u_end], axis=1)
 
     # --- where rows have no speeds ---
@@ -225,12 +224,8 @@ class _Eliminated:
     middle: Array
 
 
-def _times(x: Array, A: Array) -> Array:
-    return np.asarray(np.einsum("ki,kij->kj", x, A))
-
-
-def _applied(A: Array, x: Array) -> Array:
-    return np.asarray(np.einsum("kij,kj->ki", A, x))
+def _transposed(A: Array) -> Array:
+    return A.transpose(0, 2, 1)
 
 
 def inverse_sizes(squares: Array) -> Array:

@@ -62,6 +62,7 @@ class HypothesisComparison:
     rows       the same beside the method that closes the rows, if there is one
     maps       of methods that close them alike, the best first
     promising  the map of a method that would close them but for what may be squares of causes
+    near       methods that leave no more than `FAR` times what the best one does, beside all causes
     """
 
     at: Regression
@@ -71,6 +72,7 @@ class HypothesisComparison:
     rows: Block
     maps: tuple[Map, ...]
     promising: Map | None
+    near: tuple[Integrator, ...]
 
     @property
     def methods(self) -> tuple[Integrator, ...]:
@@ -179,10 +181,12 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
     posterior, series = (measured[1], at.series) if measured else _of_series(at, before)
     point = replace(point, accelerations=measured or point.accelerations)
     promising: Map | None = None
+    near: tuple[Integrator, ...] = ()
     for ends in (point.maps, maps_by_parts(at, series, posterior.best)):
         methods = closest(at, [(of, point.log) for of in ends])
         if methods is None:
             continue
+        near = near or tuple(of.method for of in (*methods.ends, *methods.others))
         methods = by_own_steps(at, methods)
         first = methods.ends[0] if methods.floor < SQUARES * methods.alone else None
         if methods.may_close(series, posterior.best):
@@ -194,10 +198,12 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
                 doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
                 gain = np.inf if posterior.best.chosen and doubt else gain
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
-                own = HypothesisComparison(at, point, other, series, rows, tuple(likely), promising)
+                own = HypothesisComparison(
+                    at, point, other, series, rows, tuple(likely), promising, near
+                )
                 return own if measured else _with_noise_left(own, before)
         promising = promising or first
-    return HypothesisComparison(at, point, posterior, series, series, (), promising)
+    return HypothesisComparison(at, point, posterior, series, series, (), promising, near)
 
 
 def _measured(at: Regression, before: Posterior | None) -> tuple[Block, Posterior]:

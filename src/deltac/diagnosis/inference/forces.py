@@ -226,6 +226,11 @@ class InterpolatedForces:
         """Whether forces may be held several times between some rows."""
         return bool(self.logged.counts.max() > 1)
 
+    def act_as(self, other: InterpolatedForces) -> bool:
+        """Whether others, of the same rows, act as these."""
+        same = self.kinds == other.kinds and self.filter == other.filter
+        return same and np.array_equal(self.logged.counts, other.logged.counts)
+
     def of(self, kinds: Sequence[str]) -> InterpolatedForces:
         """The same where columns act like this as far as the log does not say how."""
         own = zip(self.declared, kinds, strict=True)

@@ -367,13 +367,15 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         return asked
     acting = with_likeliest_forces(point)
     comparison = asked if asked and acting is point else compared(acting)
-    comparison = closed_by_other_forces(comparison)
+    comparison, others = closed_by_other_forces(comparison)
     if not comparison.closing:
         best = _in_equations(comparison)
         moved = comparison.point
         # Without causes they were asked already. How often they were held is told by a delay, step by step.
         moved = with_filter(with_likeliest_forces(moved, best) if best.chosen else moved, best)
-        comparison = comparison if moved is comparison.point else compared(moved)
+        known = (one for one in others if one.at.point.forces.act_as(moved.forces))
+        if moved is not comparison.point:
+            comparison = next(known, None) or compared(moved)
     if comparison.maps and comparison.methods[0].order == 1 and point.run.provenance.held is None:
         moved = held_as_in(comparison)
         comparison = comparison if moved is comparison.point else compared(moved)
@@ -393,7 +395,7 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     Causes of the geometry are built into the model. To first order one may look like another: each that does
     is built, and others are asked for beside the likeliest.
     """
-    point, found = comparison.point, comparison.posterior
+    point, found = comparison.point.among(comparison.near), comparison.posterior
     alone = _rivals(comparison)
     if not alone or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
@@ -421,7 +423,7 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
             own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
             return replace(comparison, posterior=own)
     others = [one for one in others if len(one.posterior.best.chosen) == 1]
-    return _beside(_at_causes(point, first.posterior) or comparison, point, others)
+    return _beside(_at_causes(point, first.posterior, first) or comparison, point, others)
 
 
 def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparison]:
@@ -473,12 +475,17 @@ def _log_odds(comparisons: Sequence[HypothesisComparison]) -> Array:
     return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
-def _at_causes(point: Point, found: Posterior) -> HypothesisComparison | None:
+def _at_causes(
+    point: Point, found: Posterior, near: HypothesisComparison | None = None
+) -> HypothesisComparison | None:
     """The comparison at causes that were found elsewhere; None where they do not move, or are not told apart.
 
-    Their numbers settle by their own columns first: all others cost several times as much.
+    Their numbers settle by their own columns first, from where they were compared by these if they were: all
+    others cost several times as much.
     """
-    alone = _settled(point.narrowed(found), found)
+    alone = near
+    if near is None or not _nothing_left(near):
+        alone = _settled(near.point if near else point.narrowed(found), found)
     if alone is None or not alone.posterior.best.chosen:
         return _settled(point, found)
     whole = _settled(point, alone.posterior)
@@ -492,8 +499,8 @@ def _at_causes(point: Point, found: Posterior) -> HypothesisComparison | None:
 def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:
     """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
-    A `rival` goes on as long as a step takes away more than it leaves, and the one before did: what it leaves
-    then is no curvature.
+    It goes on as long as a step takes away more than it leaves, and the one before did: what it leaves then is
+    no curvature. A `rival` goes no further.
     """
     moved, reached = None, np.inf
     try:
@@ -510,7 +517,8 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
             halved = 2.0 * left <= start and 2.0 * start <= reached
-            last, reached = not halved if rival else turn + 1 >= RELINEARISATIONS, start
+            last = not halved and (rival or turn + 1 >= RELINEARISATIONS)
+            reached = start
             if last or start <= KNOWN * block.least or before.best.settled(best):
                 break
     except (FlowError, np.linalg.LinAlgError):

@@ -523,7 +523,10 @@ def maps(
                 continue
             gap = model.difference(end, Rows(end.t, own.q, own.u, end.F))[:, :, None]
             if own.numbers:
-                method, gap = replace(method, numbers=own.numbers), _newton(method, slopes(), h, gap)
+                method, gap = (
+                    replace(method, numbers=own.numbers),
+                    _newton(method, slopes(), h, gap),
+                )
             yield Map(method, counts, model.displaced(end, gap[:, :, 0]), own.columns)
         elif method.step is not None:
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))

@@ -60,15 +60,18 @@ def with_filter(point: Point, best: Fit) -> Point:
     return point.filtered(*likeliest).with_columns().with_process_noise()
 
 
-def closed_by_other_forces(comparison: HypothesisComparison) -> HypothesisComparison:
+def closed_by_other_forces(
+    comparison: HypothesisComparison,
+) -> tuple[HypothesisComparison, list[HypothesisComparison]]:
     """The comparison with forces that are held, or straight between rows, if a method closes the rows then.
 
     With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
-    is smooth, and kinks of forces are noise. Smooth ones that are half a step late may be held.
+    is smooth, and kinks of forces are noise. Smooth ones that are half a step late may be held. The second
+    value are comparisons that were made from the same point as the first.
     """
-    point, likeliest = comparison.point, comparison
+    point, likeliest, others = comparison.point, comparison, list[HypothesisComparison]()
     if point.forces.filter is not None or point.forces_known:
-        return comparison
+        return comparison, others
     late = any(c.kind in OF_DELAYS for c in comparison.posterior.best.chosen)
     for kind in ("start", "ramp"):
         forces = point.forces.alike(kind)
@@ -77,9 +80,10 @@ def closed_by_other_forces(comparison: HypothesisComparison) -> HypothesisCompar
         moved = point.with_flow(forces=forces).with_noise_of_rows()
         if late or np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
             other = compared(moved.with_process_noise())
+            others.append(other)
             if (other.closing or late) and other.evidence > likeliest.evidence:
                 likeliest = other
-    return likeliest
+    return likeliest, others if likeliest is comparison else []
 
 
 def held_as_in(comparison: HypothesisComparison) -> Point:

@@ -620,6 +620,12 @@ class Point:
 
     # --- others ---
 
+    def among(self, methods: tuple[Integrator, ...]) -> Point:
+        """The same where the rows are of one of some methods."""
+        flow = replace(self.flow, methods=methods)
+        flow.__dict__.update(prediction=self.flow.prediction)
+        return replace(self, flow=flow)
+
     def with_flow(self, **changes: Any) -> Point:
         """The same with the flow between the states of the log, of another plant or by other forces."""
         return replace(self, flow=self.flow.at(self.log, **changes))
@@ -675,6 +681,7 @@ class Point:
         plant = base.base.changed(base.kernels, own)
         coefficients = own if base.built is None else own + base.built.coefficients
         moved = replace(base, coefficients=base._of_filter(coefficients))
+        methods = methods or self.flow.methods
         moved = moved.with_flow(plant=plant, methods=methods).with_tangent()
         if not (np.isfinite(moved.flow.w).all() and moved.tangent.finite.all()):
             raise FlowError("the flow of the model with the causes found leaves all bounds")

@@ -208,14 +208,16 @@ def composed(steps: list[Array]) -> Array:
     return Phi
 
 
-def transported(h: Array, steps: list[Array], F: list[Array]) -> Array:
-    """B = ∫Φ F dt (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
+def effects_at_ends(h: Array, steps: list[Array]) -> list[Array]:
+    """W (N, 2n, 2n) of each node: B = ∫Φ F dt = Σ W F over intervals of length h (N, 1), F at the nodes.
 
-    By Simpson's rule over two steps each.
+    By `transitions`, and Simpson's rule over two steps each.
     """
-    weight, B = (h / len(steps) / 3.0)[:, :, None], np.zeros_like(F[0])
-    for k in range(0, len(steps), 2):
-        first, second = steps[k], steps[k + 1]
-        B = second @ (first @ (B + weight * F[k]) + 4.0 * weight * F[k + 1])
-        B += weight * F[k + 2]
-    return B
+    weight, after = (h / len(steps) / 3.0)[:, :, None], np.eye(steps[0].shape[1])
+    W = [weight * after]
+    for first, second in zip(steps[-2::-2], steps[::-2], strict=True):
+        middle = after @ second
+        after = middle @ first
+        W += [4.0 * weight * middle, 2.0 * weight * after]
+    W[-1] = 0.5 * W[-1]
+    return W[::-1]

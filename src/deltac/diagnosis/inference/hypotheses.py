@@ -146,7 +146,7 @@ class Block:
         ridge = np.diag(np.sqrt(self.variance) / self.prior)
         basis, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
         Q = basis[: len(D)]
-        of_r, of_c = Q.T @ self.r.ravel(), Q.T @ D[:, c]
+        of_r, of_c = Q.T @ self.r.ravel(), (Q.T @ D)[:, c]
         inverse = s[:, None] * np.linalg.pinv(R, rcond=1e-14)
         rss = max(rr - float(of_r @ of_r), CANCELLED * rr, 1e-300)
         left = A[np.ix_(c, c)] - of_c.T @ of_c

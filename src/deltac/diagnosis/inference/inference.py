@@ -499,8 +499,8 @@ def _at_causes(
 def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:
     """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
-    It goes on as long as a step takes away more than it leaves, and the one before did: what it leaves then is
-    no curvature. A `rival` goes no further.
+    It goes on as long as a step takes away more than it leaves, and the one before did: what it leaves then
+    is no curvature. A `rival` goes no further.
     """
     moved, reached = None, np.inf
     try:
@@ -517,9 +517,9 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
             halved = 2.0 * left <= start and 2.0 * start <= reached
-            last = not halved and (rival or turn + 1 >= RELINEARISATIONS)
+            last = rival or turn + 1 >= RELINEARISATIONS or before.best.settled(best)
             reached = start
-            if last or start <= KNOWN * block.least or before.best.settled(best):
+            if start <= KNOWN * block.least or (last and not halved):
                 break
     except (FlowError, np.linalg.LinAlgError):
         return None

@@ -175,10 +175,9 @@ def _beside(point: Point, best: Fit, columns: list[Array]) -> Block:
     """Whitened prediction errors with columns (N, 2n), beside the integrator's fields and causes."""
     tangent, prior = point.tangent, point.tangent.prior
     along = np.column_stack([best.tangent, point.coefficients])
-    own = zip(tangent.fields, point.columns, strict=True)
-    B = tangent.transported([np.concatenate([a, b @ along], axis=2) for a, b in own])
-    w = point.errors(point.flow.end, tangent.Phi)[:, :, None]
-    w, B = w + B[:, :, -1:], B[:, :, :-1]
+    of_causes = tangent.transported([x @ along for x in point.columns])
+    w = point.errors(point.flow.end, tangent.Phi)[:, :, None] + of_causes[:, :, -1:]
+    B = np.concatenate([tangent.effects, of_causes[:, :, :-1]], axis=2)
     everything = [w, B, np.stack(columns, axis=2)]
     innovations = point.log.innovations(tangent.Phi, point.noise.total)
     white, _ = innovations(np.concatenate(everything, axis=2))

@@ -37,7 +37,13 @@ from deltac.diagnosis.inference.fields import (
     elementary_differentials,
     next_order,
 )
-from deltac.diagnosis.inference.flow import Prediction, composed, predict, transitions, transported
+from deltac.diagnosis.inference.flow import (
+    Prediction,
+    composed,
+    effects_at_ends,
+    predict,
+    transitions,
+)
 from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
 from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
 from deltac.diagnosis.inference.integrators import (
@@ -194,9 +200,24 @@ class Tangent:
         J2 = self.J[0] @ self.J[0]
         return np.asarray(np.linalg.norm(J2 @ J2, axis=(1, 2))[:, None] ** 0.25)
 
+    @cached_property
+    def _at_ends(self) -> tuple[list[Array], list[Array]]:
+        """What a unit at each node adds to the ends of the intervals: of ẋ, and of accelerations alone."""
+        whole = effects_at_ends(self.h, self.transitions)
+        return whole, [np.ascontiguousarray(W[:, :, W.shape[2] // 2 :]) for W in whole]
+
     def transported(self, columns: list[Array]) -> Array:
-        """What columns at the nodes add to the ends of the intervals (N, 2n, p)."""
-        return transported(self.h, self.transitions, columns)
+        """What columns of ẋ, or of accelerations, at the nodes add to the intervals' ends (N, 2n, p)."""
+        weights = self._at_ends[columns[0].shape[1] < self.J[0].shape[1]]
+        B: Array = weights[0] @ columns[0]
+        for W, F in zip(weights[1:], columns[1:], strict=True):
+            B += W @ F
+        return B
+
+    @cached_property
+    def effects(self) -> Array:
+        """What the fields add to the ends of the intervals (N, 2n, fields)."""
+        return self.transported(self.fields)
 
     @property
     def count(self) -> int:
@@ -299,7 +320,7 @@ class Built:
 def cause_columns(
     flow: Flow, log: Observations, kernels: Sequence[ColumnKernels], built: Built | None
 ) -> list[Array]:
-    """What a unit of each cause adds to ẋ, G_j = (0, M⁻¹x_j) (N, 2n, P), at the nodes of a flow."""
+    """What a unit of each cause adds to the accelerations, M⁻¹x_j (N, n, P), at the nodes of a flow."""
     intervals, pieces, plant = log.intervals, log.pieces, flow.plant
     rate = (intervals.end.F - intervals.start.F) / intervals.h
     curve = np.zeros_like(rate)
@@ -308,8 +329,7 @@ def cause_columns(
             curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
     def columns(at: Rows, rate: Array, curve: Array) -> Array:
-        u = cause_responses(plant, kernels, built, at, plant.every(at), rate, curve)
-        return np.concatenate([np.zeros_like(u), u], axis=1)
+        return cause_responses(plant, kernels, built, at, plant.every(at), rate, curve)
 
     last = _last(pieces)
     own = [columns(at, rate, curve) for at in flow.nodes[:-1]]
@@ -405,7 +425,7 @@ def process_noise(
         if not part.any():
             return part
         w = log.errors(flow.plant, flow.end, Phi)[:, :, None]
-        columns = np.concatenate([w, tangent.transported(tangent.fields)], axis=2)
+        columns = np.concatenate([w, tangent.effects], axis=2)
         share, likelihood = 0.0, -np.inf
         for x in SHARES:  # it has one maximum
             now = likelihood_of(log, Phi, x**2 * part + others, columns)
@@ -509,7 +529,7 @@ class Point:
     own           kernels of the columns of causes, and the causes themselves, of the model
     built         causes that are built into the model, if any: `kernels` and `candidates` are those there
     some          elements of which there are columns, if not of all
-    columns       what a unit of each column adds to ẋ (N, 2n, P), at the nodes
+    columns       what a unit of each column adds to the accelerations (N, n, P), at the nodes
     coefficients  of the columns (P,) of causes that are in the plant, or in a filter of the forces
     accelerations equations by known accelerations and their posterior, if these were compared
     states        methods that close coordinates alone alike, each with the log at its own states
@@ -559,13 +579,13 @@ class Point:
     @cached_property
     def maps(self) -> list[Map]:
         """Those of the flow; where there are causes, methods with a parameter have it beside these."""
-        flow, n = self.flow, self.model.n
-        if not len(self.coefficients) or n > MOST_SPEEDS:
+        flow = self.flow
+        if not len(self.coefficients) or self.model.n > MOST_SPEEDS:
             return flow.maps
         fitted = [method for method in flow.methods or INTEGRATORS if method.memory is not None]
         if not fitted:
             return flow.maps
-        causes = 0.5 * (self.columns[0] + self.columns[-1])[:, n:]
+        causes = 0.5 * (self.columns[0] + self.columns[-1])
         force, counts = flow.forces.between, flow.counts
         anew = maps(flow.plant, flow.intervals, force, counts, 1, fitted, causes)
         return [*anew, *(of for of in flow.maps if of.method.memory is None)]

@@ -95,7 +95,7 @@ def closest(at: Regression, pairs: Sequence[tuple[Map, Observations]]) -> Method
     r, _ = at.innovations(np.stack([errors[k] for k in finite], axis=2))
     y = r.reshape(-1, len(finite))
     X = at.D.reshape(len(y), at.D.shape[2])
-    residual = y - X @ least_squares(X.T @ X, X.T @ y)
+    residual = y - X @ least_squares(at.gram, X.T @ y)
     floors = np.maximum((residual**2).sum(axis=0), 1e-300)
     every = np.full(len(pairs), np.inf)
     every[finite] = floors

@@ -64,6 +64,12 @@ class Regression:
         """Columns of the integrator: they come first."""
         return self.point.tangent.count
 
+    @cached_property
+    def gram(self) -> Array:
+        """DᵀD."""
+        X = self.D.reshape(self.series.r.size, self.D.shape[2])
+        return np.asarray(X.T @ X)
+
     @property
     def of_causes(self) -> Array:
         """What the columns of causes do to the flow (N, 2n, P)."""
@@ -85,16 +91,16 @@ class Regression:
         own = transition(plant, of, log.intervals, point.forces.between)
         Phi = point.tangent.Phi if own is None else own
         errors = point.errors(of.end, Phi)[:, :, None]
-        columns = np.concatenate([errors, self.B, self.bent], axis=2)
-        columns[:, :, 1 + _places(point)] = self.moved_in(of)
+        fields = self.B[:, :, : self.fields]
+        columns = np.concatenate([errors, fields, self.moved_in(of), self.bent], axis=2)
         white, spread = log.innovations(Phi, point.noise.total)(columns)
         return _block(point, white, 0, _places(point), spread, log.rounding)
 
     def moved_in(self, of: Map) -> Array:
         """What causes do to the rows (N, 2n, P) by the steps of a method, or else by its numbers."""
         point = self.point
-        intervals, n = point.log.intervals, point.model.n
-        own = by_causes(of, point.tangent.J, [x[:, n:] for x in point.columns], intervals)
+        intervals = point.log.intervals
+        own = by_causes(of, point.tangent.J, point.columns, intervals)
         step = intervals.h / of.counts[:, None]
         return self.moved_by(numbers_of(of.method), step) if own is None else own
 
@@ -204,26 +210,24 @@ def regression(point: Point) -> Regression:
     """The regression at a point."""
     log, tangent, Q = point.log, point.tangent, point.noise.total
     ni, places = tangent.count, _places(point)
-    both = zip(tangent.fields, point.columns, strict=True)
-    Phi, B = tangent.Phi, tangent.transported([np.concatenate(x, axis=2) for x in both])
+    Phi, fields, of_causes = tangent.Phi, tangent.effects, tangent.transported(point.columns)
     w, bent = point.errors(point.flow.end, Phi), _between_rows(point)
-    columns = np.concatenate([w[:, :, None], B, bent], axis=2)
     # The integrator moves the noise of a row and what causes do otherwise than the flow does, by its
     # fields of first order.
-    white, _ = log.innovations(Phi, Q)(columns[:, :, : 1 + ni])
+    white, _ = log.innovations(Phi, Q)(np.concatenate([w[:, :, None], fields], axis=2))
     alone = _block(point, white, ni, places[:0], 0.0, log.rounding)
     c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
-    columns[:, :, 1 + places] = _moved_by(point, B[:, :, ni:], c, log.steps)
     moved = Phi
     if log.rounding < 1.0:
         change = first_order_jacobian(point.flow.plant, log.intervals.start, log.steps, c)
         moved = Phi + log.intervals.h[:, :, None] * change @ Phi
-        columns[:, :, 0] = point.errors(point.flow.end, moved)
+        w = point.errors(point.flow.end, moved)
     innovations = log.innovations(moved, Q)
-    white, spread = innovations(columns)
-    series = _block(point, white, ni, places, spread, log.rounding)
-    D = np.ascontiguousarray(white[:, :, 1 + ni :])
-    return Regression(point, B, bent, c, innovations, series, D)
+    own = _moved_by(point, of_causes, c, log.steps)
+    white, spread = innovations(np.concatenate([w[:, :, None], fields, own, bent], axis=2))
+    series, B = _block(point, white, ni, places, spread, log.rounding), [fields, of_causes]
+    D = white[:, :, 1 + ni :]
+    return Regression(point, np.concatenate(B, axis=2), bent, c, innovations, series, D)
 
 
 def with_likelier_noise(at: Regression) -> Point | None:
@@ -266,10 +270,12 @@ def _block(
     """Whitened errors with their columns; so many of these, and those of forces, are beside every cause."""
     r, D = white[:, :, 0], white[:, :, 1:]
     weight = np.sqrt(robust_weights(r, D))[:, None]
+    if np.any(weight != 1.0):
+        r, D = r * weight, D * weight[:, :, None]
     bent = np.arange(point.tangent.count + len(places), D.shape[2])
     return Block(
-        r * weight,
-        D * weight[:, :, None],
+        r,
+        D,
         np.append(np.arange(nuisance), bent),
         np.concatenate([point.tangent.prior[:nuisance], np.ones(len(bent))]),
         places,
@@ -306,7 +312,7 @@ def _moved_by(point: Point, B: Array, c: Array, step: Array) -> Array:
     """
     n, h = point.model.n, point.log.intervals.h
     moves = B.copy()
-    first, last = point.columns[0][:, n:], point.columns[-1][:, n:]
+    first, last = point.columns[0], point.columns[-1]
     mean, size = 0.5 * (first + last), step[:, :, None]
     moves[:, :n] += c[0] * size * h[:, :, None] * mean
     moves[:, n:] += 0.5 * (c[1] + c[2]) * size * (last - first)

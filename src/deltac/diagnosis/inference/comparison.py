@@ -182,15 +182,17 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
     point = replace(point, accelerations=measured or point.accelerations)
     promising: Map | None = None
     near: tuple[Integrator, ...] = ()
-    for ends in (point.maps, maps_by_parts(at, series, posterior.best)):
+    for every in (point.maps, maps_by_parts(at, series, posterior.best)):
+        ends = list(every)
         methods = closest(at, [(of, point.log) for of in ends])
         if methods is None:
             continue
-        near = near or tuple(of.method for of in (*methods.ends, *methods.others))
+        likely = {*methods.ends, *methods.others}
+        near = near or tuple(of.method for of in ends if of in likely)
         methods = by_own_steps(at, methods)
         first = methods.ends[0] if methods.floor < SQUARES * methods.alone else None
         if methods.may_close(series, posterior.best):
-            likely, rows, other = best_of(at, methods, before, measured and measured[1])
+            alike, rows, other = best_of(at, methods, before, measured and measured[1])
             gain = log_evidence(rows, other.best, series, posterior.best)
             if gain - np.log(len(INTEGRATORS)) <= CERTAIN and not measured:
                 # Causes must be likelier than a method without any, beside whichever integrator they are.
@@ -199,7 +201,7 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
                 gain = np.inf if posterior.best.chosen and doubt else gain
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 own = HypothesisComparison(
-                    at, point, other, series, rows, tuple(likely), promising, near
+                    at, point, other, series, rows, tuple(alike), promising, near
                 )
                 return own if measured else _with_noise_left(own, before)
         promising = promising or first

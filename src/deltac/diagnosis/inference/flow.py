@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
@@ -63,7 +63,7 @@ def predict(
     if not steps:
         probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
         few, steps = intervals.take(probes), 2
-        of_few = force.take(probes)
+        of_few = restricted(force, probes)
         coarse = _flow(model, few, of_few, 1, 1, parts[probes])[-1]
         while True:
             fine = _flow(model, few, of_few, steps, 1, parts[probes])[-1]
@@ -80,7 +80,7 @@ def predict(
         if not len(some) or len(some) > 0.5 * len(intervals):
             break
         each = 4**level
-        own = force.take(some)
+        own = restricted(force, some)
         finer = _flow(model, intervals.take(some), own, steps, each, parts[some])
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
         nodes = [rows.replaced(some, other) for rows, other in zip(nodes, finer, strict=True)]
@@ -142,7 +142,7 @@ def repeated(
         if len(some) == len(counts):
             at = step(at, k, slice(None), most if alike else counts[:, None], force)
         else:
-            own = step(at.take(some), k, some, counts[some, None], force.take(some))
+            own = step(at.take(some), k, some, counts[some, None], restricted(force, some))
             at = at.replaced(some, own)
     return at
 

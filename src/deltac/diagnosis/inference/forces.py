@@ -20,29 +20,12 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Intervals
 
 
-@dataclass(frozen=True, eq=False)
-class ForceBetween:
-    """Logged forces at fractions of each interval, each column by its kind, see `FORCES`.
+class ForceBetween(Protocol):
+    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
 
-    at    the forces (N, m) at a fraction, in a step that begins at another
-    kept  the same, of one fraction in all intervals: methods and their derivatives ask for it again
-    """
-
-    logged: LoggedForce
-    kinds: tuple[str, ...]
-    at: Callable[..., Array]
-    kept: Callable[..., Array]
-
-    def __call__(self, fraction: float | Array, begin: float | Array | None = None) -> Array:
-        """The forces; without a begin, the mean course of those that are held over several steps.
-
-        Fractions are of all intervals, or of each its own (N, 1).
-        """
-        return (self.kept if isinstance(fraction, float) else self.at)(fraction, begin)
-
-    def take(self, which: NDArray[np.intp]) -> ForceBetween:
-        """Those in some of the intervals."""
-        return self.logged.take(which)(self.kinds)
+    def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
+        """The forces; without a begin, the mean course of those that are held over several steps."""
+        ...
 
 
 class ForceInStep(Protocol):
@@ -109,7 +92,7 @@ class LoggedForce:
         first, last = self.bends
         return np.asarray(s * (1.0 - s) * ((1.0 - s) * first - s * last))
 
-    def __call__(self, kinds: tuple[str, ...]) -> ForceBetween:
+    def __call__(self, kinds: tuple[str, ...]) -> LoggedForceBetween:
         """The forces of each column by its kind."""
         weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 4).T
         some = np.flatnonzero(weights.any(axis=1)).tolist()
@@ -120,7 +103,7 @@ class LoggedForce:
                 F = F + weights[k] * self.part(k, s, begin)
             return F
 
-        return ForceBetween(self, kinds, at, lru_cache(KEPT_FRACTIONS)(at))
+        return LoggedForceBetween(self, kinds, at, lru_cache(KEPT_FRACTIONS)(at))
 
     def take(self, which: NDArray[np.intp]) -> LoggedForce:
         """Those in some of the intervals."""
@@ -186,6 +169,31 @@ class LoggedForce:
         bends = h * slopes[0] - change, h * slopes[1] - change
         counts = np.ones(len(h), dtype=np.intp) if counts is None else counts
         return LoggedForce(first, change, bends, doubt, gap, counts)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedForceBetween:
+    """Logged forces at fractions of each interval, each column by its kind, see `FORCES`.
+
+    at    the forces (N, m) at a fraction, in a step that begins at another
+    kept  the same, of one fraction in all intervals: methods and their derivatives ask for it again
+    """
+
+    logged: LoggedForce
+    kinds: tuple[str, ...]
+    at: Callable[..., Array]
+    kept: Callable[..., Array]
+
+    def __call__(self, fraction: float | Array, begin: float | Array | None = None, /) -> Array:
+        """As of `ForceBetween`; fractions are of all intervals, or of each its own (N, 1)."""
+        return (self.kept if isinstance(fraction, float) else self.at)(fraction, begin)
+
+
+def restricted(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
+    """The forces in some of the intervals."""
+    if isinstance(force, LoggedForceBetween):
+        return force.logged.take(which)(force.kinds)
+    return lambda s, begin=None, /: np.asarray(force(s, begin)[which])
 
 
 @dataclass(frozen=True, eq=False)

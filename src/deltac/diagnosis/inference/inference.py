@@ -13,7 +13,7 @@ from itertools import count
 
 import numpy as np
 
-from deltac.arrays import SIX_DIGITS, SMALL_SHARE, Array
+from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
@@ -110,16 +110,19 @@ class Unclosed:
         are of inertia, that no force looks like.
         """
         # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
-        result: Inference | None = None
+        result, before = None, None
         with np.errstate(all="ignore"), compiled_rows():
             for point in self.points:
-                own = _with_causes(point, self.equations, self.kernels, limit, lacking)
+                found = _to_first_order(point, self.equations, self.kernels, limit, lacking)
+                if found is None or (before and _no_better(found[1], before)):
+                    continue
+                own = _with_causes(point, *found, limit, lacking)
                 if own is None:
                     continue
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
                     return own
                 if result is None or own.flow < result.flow:
-                    result = own
+                    result, before = own, found[1]
         return result
 
 
@@ -294,28 +297,38 @@ def _by_accelerations(
     return _with_excluded(alone, excluded)
 
 
-def _with_causes(
+def _no_better(one: Inference, other: Inference) -> bool:
+    """Whether causes of one leave about as much as those of another, and exchange as much, or more."""
+    less = 1.0 - NEGLIGIBLE
+    return one.flow > less * other.flow and one.excess > less * other.excess
+
+
+def _passed(limit: TimeLimit | None, what: str) -> bool:
+    return limit is not None and limit.passed(what)
+
+
+def _not_asked(result: Inference, lacking: bool) -> bool:
+    """Whether a log is lacking forces, and what was found may be these."""
+    chosen = result.posterior.best.chosen
+    return lacking and not (chosen and all(c.kind in OF_INERTIA for c in chosen))
+
+
+def _to_first_order(
     point: Point,
     equations: LogEquations,
     kernels: ColumnKernels,
     limit: TimeLimit | None,
     lacking: bool,
-) -> Inference | None:
-    """The result with causes, and with places and axes where something is found."""
-
-    def passed(what: str) -> bool:
-        return limit is not None and limit.passed(what)
-
+) -> tuple[HypothesisComparison, Inference] | None:
+    """Causes to first order, with places and axes where something is found."""
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
         result = inferred(comparison)
-        chosen = result.posterior.best.chosen
-        if lacking and not (chosen and all(c.kind in OF_INERTIA for c in chosen)):
-            return _of_steps(comparison, result)
         if (
             result.finds_something
+            and not _not_asked(result, lacking)
             and kernels.cost < MOST_COST
-            and not passed("places and axes as causes")
+            and not _passed(limit, "places and axes as causes")
         ):
             # Only then is it asked for places and axes: their columns are as many again.
             geometry = geometry_columns(equations)
@@ -324,8 +337,23 @@ def _with_causes(
                 found = point.with_candidates(equations, kernels)
             comparison = likeliest(found.with_candidates(equations, geometry), comparison)
             result = inferred(comparison)
+    except (FlowError, np.linalg.LinAlgError):
+        return None
+    return comparison, result
+
+
+def _with_causes(
+    point: Point,
+    comparison: HypothesisComparison,
+    result: Inference,
+    limit: TimeLimit | None,
+    lacking: bool,
+) -> Inference | None:
+    """The result with causes that were found to first order, linearised at themselves."""
+    try:
         chosen = comparison.posterior.best.chosen
-        if chosen and not passed("causes linearised at themselves"):
+        asked = not _not_asked(result, lacking)
+        if chosen and asked and not _passed(limit, "causes linearised at themselves"):
             comparison = _relinearised(comparison)
             causes, others = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))

@@ -22,7 +22,7 @@ from scipy.linalg import lapack
 from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import repeated, runge_kutta
-from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, LoggedForce
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, LoggedForce, restricted
 from deltac.diagnosis.inference.model import AT_ONCE, Intervals, LogModel, Rows
 from deltac.results import SHOWN
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
@@ -543,7 +543,7 @@ def transition(model: LogModel, of: Map, intervals: Intervals, force: ForceBetwe
         some = starts[first : first + each]
         many = np.tile(np.arange(len(at.t)), len(some))
         moved = replace(intervals.take(many), start=Rows.join(some))
-        ends = _repeated(model, of.method, moved, force.take(many), of.counts[many])
+        ends = _repeated(model, of.method, moved, restricted(force, many), of.counts[many])
         change = model.difference(of.end.take(many), ends).reshape(len(some), len(at.t), -1)
         for k, (one, d) in enumerate(zip(change, sizes[first:], strict=False), first):
             Phi[:, :, k] = one / d

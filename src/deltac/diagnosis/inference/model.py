@@ -380,9 +380,25 @@ def _constrained(M: Array, G: Array, force: Array) -> Array:
         return np.asarray(np.linalg.solve(M, force))
     inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
     response = inverse @ G.transpose(0, 2, 1)
-    # Redundant constraints leave G M⁻¹Gᵀ singular.
-    multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
+    multipliers = _pseudoinverse(G @ response)
     return np.asarray((inverse - response @ multipliers @ response.transpose(0, 2, 1)) @ force)
+
+
+SINGULAR = 1e-10
+"""Share of the largest singular value below which one is none: redundant constraints leave such."""
+
+
+def _pseudoinverse(A: Array) -> Array:
+    """A⁺ of each of some matrices; by singular values, ten times as long, only where one may be none."""
+    try:
+        inverse = np.asarray(np.linalg.inv(A), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(A, rcond=SINGULAR))
+    condition = np.linalg.norm(A, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))
+    some = np.flatnonzero(~(condition * SINGULAR < 1.0))
+    if len(some):
+        inverse[some] = np.linalg.pinv(A[some], rcond=SINGULAR)
+    return inverse
 
 
 AT_ONCE = 4096

@@ -19,7 +19,7 @@ from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
-from deltac.diagnosis.inference.flow import composed, effects_at_ends, predict, transitions
+from deltac.diagnosis.inference.flow import composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import infer, inferred, likeliest
@@ -145,8 +145,8 @@ def test_the_variational_equation_is_that_of_reruns() -> None:
         response = model.response(at.t, at.q, force)
         damper.append(np.concatenate([np.zeros_like(response), response], axis=1)[:, :, None])
     steps = transitions(intervals.h, J)
-    Phi, W = composed(steps), effects_at_ends(intervals.h, steps)
-    B = sum(x @ F for x, F in zip(W, damper, strict=True))
+    Phi, B = composed(steps), transported(intervals.h, steps, damper)
+    assert transported(intervals.h, steps, [x[:, 2:] for x in damper]) == pytest.approx(B)
     for k in (0, 20, 39):
         q, u, d = run.q[k], run.u[k], 1e-5
         for i, e in enumerate(np.eye(4)):

@@ -208,16 +208,15 @@ def composed(steps: list[Array]) -> Array:
     return Phi
 
 
-def effects_at_ends(h: Array, steps: list[Array]) -> list[Array]:
-    """W (N, 2n, 2n) of each node: B = ∫Φ F dt = Σ W F over intervals of length h (N, 1), F at the nodes.
+def transported(h: Array, steps: list[Array], F: list[Array]) -> Array:
+    """B = ∫Φ F dt (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
 
-    By `transitions`, and Simpson's rule over two steps each.
+    By Simpson's rule over two steps each. F (N, 2n, p) or, where that of coordinates is zero, (N, n, p).
     """
-    weight, after = (h / len(steps) / 3.0)[:, :, None], np.eye(steps[0].shape[1])
-    W = [weight * after]
-    for first, second in zip(steps[-2::-2], steps[::-2], strict=True):
-        middle = after @ second
-        after = middle @ first
-        W += [4.0 * weight * middle, 2.0 * weight * after]
-    W[-1] = 0.5 * W[-1]
-    return W[::-1]
+    weight, rows = (h / len(steps) / 3.0)[:, :, None], F[0].shape[1]
+    B: Array = np.ascontiguousarray(steps[0][:, :, -rows:]) @ (weight * F[0])
+    for k, step in enumerate(steps[1:], 1):
+        B[:, -rows:] += (4.0 if k % 2 else 2.0) * weight * F[k]
+        B = step @ B
+    B[:, -rows:] += weight * F[-1]
+    return B

@@ -40,9 +40,9 @@ from deltac.diagnosis.inference.fields import (
 from deltac.diagnosis.inference.flow import (
     Prediction,
     composed,
-    effects_at_ends,
     predict,
     transitions,
+    transported,
 )
 from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
 from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
@@ -200,19 +200,9 @@ class Tangent:
         J2 = self.J[0] @ self.J[0]
         return np.asarray(np.linalg.norm(J2 @ J2, axis=(1, 2))[:, None] ** 0.25)
 
-    @cached_property
-    def _at_ends(self) -> tuple[list[Array], list[Array]]:
-        """What a unit at each node adds to the ends of the intervals: of ẋ, and of accelerations alone."""
-        whole = effects_at_ends(self.h, self.transitions)
-        return whole, [np.ascontiguousarray(W[:, :, W.shape[2] // 2 :]) for W in whole]
-
     def transported(self, columns: list[Array]) -> Array:
         """What columns of ẋ, or of accelerations, at the nodes add to the intervals' ends (N, 2n, p)."""
-        weights = self._at_ends[columns[0].shape[1] < self.J[0].shape[1]]
-        B: Array = weights[0] @ columns[0]
-        for W, F in zip(weights[1:], columns[1:], strict=True):
-            B += W @ F
-        return B
+        return transported(self.h, self.transitions, columns)
 
     @cached_property
     def effects(self) -> Array:

@@ -246,7 +246,7 @@ def _with_noise_left(
     log, known = point.log.with_noise(w), ~point.log.unknown
     if not np.any(LESS * log.noise[1][:, known] < point.log.noise[1][:, known]):
         return comparison
-    rows, point = at.beside_noise(of, log), replace(point, log=log)
+    rows, point = at.beside(of, log), replace(point, log=log)
     return replace(comparison, point=point, rows=rows, posterior=searched(at, rows, before))
 
 

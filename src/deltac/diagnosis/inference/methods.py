@@ -49,6 +49,7 @@ class Methods:
     ends    their maps that do so alike, the best first; `others` are next to them
     floor   least sum of squares that all causes leave beside one; `floors` of each that was compared
     alone   what that leaves without causes
+    blocks  equations beside the first few, where these were asked for
     """
 
     ends: list[Map]
@@ -56,6 +57,12 @@ class Methods:
     floor: float
     floors: Array
     alone: float
+    blocks: tuple[Block, ...] = ()
+
+    @property
+    def few(self) -> list[Map]:
+        """The first few of all."""
+        return [*self.ends, *self.others][:ALIKE]
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
@@ -125,8 +132,9 @@ def by_own_steps(at: Regression, methods: Methods) -> Methods:
     low, high = SQUARES * methods.alone, SOME * methods.alone
     if not len(at.point.coefficients) or not low < methods.floor < high:
         return methods
-    blocks = [at.beside(of) for of in [*methods.ends, *methods.others][:ALIKE]]
-    return replace(methods, floor=min(block.floor * block.count for block in blocks))
+    blocks = tuple(at.beside(of) for of in methods.few)
+    floor = min(block.floor * block.count for block in blocks)
+    return replace(methods, floor=floor, blocks=blocks)
 
 
 def best_of(
@@ -138,8 +146,8 @@ def best_of(
     all do, those near are tried as well. Causes are those `measured` by accelerations, if there are any.
     """
     trials, ends = list[tuple[Block, Posterior]](), methods.ends
-    for of in [*ends, *methods.others][:ALIKE]:
-        block = at.beside(of)
+    for k, of in enumerate(methods.few):
+        block = methods.blocks[k] if methods.blocks else at.beside(of)
         trials.append((block, measured or searched(at, block, before)))
         misfit = block.misfit(trials[-1][1].best.coefficients)
         explained = misfit <= max(FAR * methods.floor, block.least)

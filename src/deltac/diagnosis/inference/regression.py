@@ -75,19 +75,10 @@ class Regression:
         """What the columns of causes do to the flow (N, 2n, P)."""
         return self.B[:, :, self.fields :]
 
-    def beside(self, of: Map) -> Block:
-        """Whitened equations beside a method."""
-        if of not in self._beside:
-            self._beside[of] = self.beside_noise(of, self.point.log)
-        return self._beside[of]
-
-    @cached_property
-    def _beside(self) -> dict[Map, Block]:
-        return {}
-
-    def beside_noise(self, of: Map, log: Observations) -> Block:
-        """The same where rows have the noise of another log."""
+    def beside(self, of: Map, log: Observations | None = None) -> Block:
+        """Whitened equations beside a method, perhaps where rows have the noise of another log."""
         point, plant = self.point, self.point.flow.plant
+        log = log or point.log
         own = transition(plant, of, log.intervals, point.forces.between)
         Phi = point.tangent.Phi if own is None else own
         errors = point.errors(of.end, Phi)[:, :, None]

@@ -89,7 +89,7 @@ class LogEquations:
 
 @dataclass(frozen=True, eq=False)
 class ColumnKernels:
-    """The residual (first column) and all others as a function of samples.
+    """The residual (first column) and all others as a function of samples, before what constraints take.
 
     It takes t, q, u, u̇, logged forces, their first and their second rates, each (T, …).
     """
@@ -131,40 +131,36 @@ def column_kernels(equations: LogEquations, some: Elements = None) -> ColumnKern
     symbols = equations.symbols
     s = symbols.system
     # Of logs of one mechanism only the places of stops differ: all else is written out once.
-    rates, _, residual = symbols.once("residual", lambda: _residual(equations))
+    rates, residual = symbols.once("residual", lambda: _residual(equations))
     columns = dict[Column, SX]()
     if some is None or any(what not in OF_GEOMETRY for what, _ in some):
         shared = symbols.once("columns", lambda: _written_out(equations))
-        columns = {**shared, **_columns(equations, _stops(equations))}
+        columns = {**shared, **_acting(_stops(equations))}
         columns = {c: x for c, x in columns.items() if some is None or c.of in some}
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
     expression = ca.horzcat(residual, *columns.values())
     return ColumnKernels(tuple(columns), len(s.free_u), expression, inputs)
 
 
-def _residual(equations: LogEquations) -> tuple[tuple[SX, SX], SX, SX]:
-    """Symbols of the rates of logged forces and of their rates, F_r + F*_r, what constraints leave of it."""
+def _residual(equations: LogEquations) -> tuple[tuple[SX, SX], SX]:
+    """Symbols of the rates of logged forces and of their rates, and F_r + F*_r."""
     symbols = equations.symbols
-    s, bound = symbols.system, symbols.constrained
+    s = symbols.system
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
-    residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
-    if symbols.with_measured is None or bound is None:
-        return (rate, curve), residual, _projected(equations, residual)
-    reaction = ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
-    return (rate, curve), residual, residual + reaction
+    return (rate, curve), (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
 
 
 def _written_out(equations: LogEquations) -> dict[Column, SX]:
     """All columns but stops."""
     symbols = equations.symbols
     s = symbols.system
-    (rate, curve), residual, _ = symbols.once("residual", lambda: _residual(equations))
+    (rate, curve), residual = symbols.once("residual", lambda: _residual(equations))
     key = ("columns", computes_weight(equations), "gravity" in equations.log.places)
     changes = {**s.once(key, lambda: _of_mechanism(equations)), **_channels(equations, rate, curve)}
     changes.update(_laws(s.t, residual))
     if symbols.constrained is None:  # else the constraints show it
         changes.update(_offsets(equations, residual))
-    return _columns(equations, changes)
+    return _acting(changes)
 
 
 def _of_mechanism(equations: LogEquations) -> dict[Column, SX]:
@@ -173,17 +169,9 @@ def _of_mechanism(equations: LogEquations) -> dict[Column, SX]:
     return {column: x for part in parts for column, x in part(equations).items()}
 
 
-def _columns(equations: LogEquations, changes: dict[Column, SX]) -> dict[Column, SX]:
-    """Those that are not zero, as the constraints leave them."""
-    return {c: _projected(equations, x) for c, x in changes.items() if not ca.SX(x).is_zero()}
-
-
-def _projected(equations: LogEquations, x: SX) -> SX:
-    """What the constraints leave of a generalized force: x − Gᵀλ(x)."""
-    bound = equations.symbols.constrained
-    if bound is None or equations.symbols.with_measured is not None:
-        return x
-    return x - ca.mtimes(bound.rows.G.T, bound.multipliers_from(x))
+def _acting(changes: dict[Column, SX]) -> dict[Column, SX]:
+    """Those that are not zero."""
+    return {c: x for c, x in changes.items() if not ca.SX(x).is_zero()}
 
 
 UNIT_MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

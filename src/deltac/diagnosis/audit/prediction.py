@@ -94,9 +94,9 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     def joules(step: float) -> float:
         last = logged(start.t + step)
 
-        def force(share: float, _: float | None = None) -> Array:
+        def force(share: float | Array, _: float | Array | None = None) -> Array:
             constant = start.F + a * (last - start.F)
-            return np.where(b > d, logged(start.t + share * step), constant)
+            return np.where(b > d, logged(start.t + np.ravel(share) * step), constant)
 
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
         defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)

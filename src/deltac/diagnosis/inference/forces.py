@@ -21,9 +21,12 @@ from deltac.diagnosis.inference.model import Intervals
 
 
 class ForceBetween(Protocol):
-    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
+    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another.
 
-    def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
+    Fractions are of all intervals, or of each its own (N, 1).
+    """
+
+    def __call__(self, fraction: float | Array, begin: float | Array | None = None, /) -> Array:
         """The forces; without a begin, the mean course of those that are held over several steps."""
         ...
 
@@ -185,7 +188,7 @@ class LoggedForceBetween:
     kept: Callable[..., Array]
 
     def __call__(self, fraction: float | Array, begin: float | Array | None = None, /) -> Array:
-        """As of `ForceBetween`; fractions are of all intervals, or of each its own (N, 1)."""
+        """As of `ForceBetween`."""
         return (self.kept if isinstance(fraction, float) else self.at)(fraction, begin)
 
 

@@ -116,7 +116,7 @@ class Unclosed:
                 found = _to_first_order(point, self.equations, self.kernels, limit, lacking)
                 if found is None or (before and _no_better(found[1], before)):
                     continue
-                own = _with_causes(point, *found, limit, lacking)
+                own = _at_itself(point, *found, limit)
                 if own is None:
                     continue
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
@@ -307,26 +307,25 @@ def _passed(limit: TimeLimit | None, what: str) -> bool:
     return limit is not None and limit.passed(what)
 
 
-def _not_asked(result: Inference, lacking: bool) -> bool:
-    """Whether a log is lacking forces, and what was found may be these."""
-    chosen = result.posterior.best.chosen
-    return lacking and not (chosen and all(c.kind in OF_INERTIA for c in chosen))
-
-
 def _to_first_order(
     point: Point,
     equations: LogEquations,
     kernels: ColumnKernels,
     limit: TimeLimit | None,
     lacking: bool,
-) -> tuple[HypothesisComparison, Inference] | None:
-    """Causes to first order, with places and axes where something is found."""
+) -> tuple[HypothesisComparison, Inference, bool] | None:
+    """Causes to first order, with places and axes where something is found; and whether they are asked on.
+
+    They are not where a log is lacking forces, and what was found may be these.
+    """
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
         result = inferred(comparison)
+        chosen = result.posterior.best.chosen
+        asked = not lacking or bool(chosen and all(c.kind in OF_INERTIA for c in chosen))
         if (
-            result.finds_something
-            and not _not_asked(result, lacking)
+            asked
+            and result.finds_something
             and kernels.cost < MOST_COST
             and not _passed(limit, "places and axes as causes")
         ):
@@ -339,20 +338,19 @@ def _to_first_order(
             result = inferred(comparison)
     except (FlowError, np.linalg.LinAlgError):
         return None
-    return comparison, result
+    return comparison, result, asked
 
 
-def _with_causes(
+def _at_itself(
     point: Point,
     comparison: HypothesisComparison,
     result: Inference,
+    asked: bool,
     limit: TimeLimit | None,
-    lacking: bool,
 ) -> Inference | None:
     """The result with causes that were found to first order, linearised at themselves."""
     try:
         chosen = comparison.posterior.best.chosen
-        asked = not _not_asked(result, lacking)
         if chosen and asked and not _passed(limit, "causes linearised at themselves"):
             comparison = _relinearised(comparison)
             causes, others = comparison.posterior, len(comparison.point.candidates)

@@ -22,24 +22,32 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import orth
+from scipy.linalg import qr
 
 from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.forces import impulse
 from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS
-from deltac.diagnosis.inference.integrators import EXACT, INTEGRATORS, Integrator, transition
+from deltac.diagnosis.inference.integrators import (
+    EXACT,
+    INTEGRATORS,
+    Integrator,
+    Map,
+    maps,
+    transition,
+)
 from deltac.diagnosis.inference.linearisation import (
     COLUMNS_OF_THE_LOG,
     RELINEARISATIONS,
+    Flow,
     FlowError,
-    Point,
+    Tangent,
     cause_columns,
-    start,
+    flow_of,
 )
 from deltac.diagnosis.inference.methods import SQUARES
 from deltac.diagnosis.inference.model import LogModel
-from deltac.diagnosis.inference.observations import observations
+from deltac.diagnosis.inference.observations import Observations, observations
 from deltac.diagnosis.inference.result import KNOWN
 from deltac.diagnosis.inference.whitening import inverse_sizes
 from deltac.diagnosis.measurements.kinematics import stretches
@@ -167,10 +175,8 @@ BETWEEN_ROWS = ("smooth", "start")
 Step: TypeAlias = tuple[str, Integrator]
 """How forces act between rows, and by which method these follow from each other."""
 
-STEPS: tuple[Step, ...] = tuple(
-    product(BETWEEN_ROWS, (*(m for m in INTEGRATORS if m.memory is None), EXACT))
-)
-"""Steps that may lie between rows: a memory is a filter as well."""
+METHODS = (*(m for m in INTEGRATORS if m.memory is None), EXACT)
+"""Methods by which rows may follow from each other: a memory is a filter as well."""
 
 COLUMNS = 6
 """Columns of the few causes that are looked for beside a filter, at most."""
@@ -214,16 +220,15 @@ class _FilteredRows:
     @cached_property
     def unit(self) -> Array:
         """Prediction errors (2n,) of most rows as they are, by the exact flow; rounding at least."""
-        point = self._point(self.run)
-        intervals = point.log.intervals
+        intervals = self._as_logged.log.intervals
         change = self.model.difference(intervals.start, intervals.end)
-        most, size = (np.sqrt(np.median(x**2, axis=0)) for x in (point.flow.w, change))
+        most, size = (np.sqrt(np.median(x**2, axis=0)) for x in (self._as_logged.flow.w, change))
         return np.asarray(most + SAME * size + 1e-300)
 
     @property
     def exact(self) -> bool:
         """Whether most rows follow from each other to their digits."""
-        digits = np.sqrt(np.median(self._point(self.run).log.digits[1] ** 2, axis=0))
+        digits = np.sqrt(np.median(self._as_logged.log.digits[1] ** 2, axis=0))
         return bool(np.all(self.whole * self.unit <= KNOWN * digits))
 
     @cached_property
@@ -231,22 +236,45 @@ class _FilteredRows:
         """What the likeliest method leaves of them beside the causes, in these units."""
         T, m = len(self.run), self.model.rows(self.run).F.shape[1]
         none = np.zeros((T, 2 * self.model.n, 0)), np.zeros((T, m, 0))
-        fits = self._fitted(self.run, *none, STEPS)
-        return min(left for left, _, _ in fits)
+        own = replace(self._as_logged, steps=self.steps)
+        return min(left for left, _, _ in own.beside(*none))
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Steps that may lie between rows."""
+        kinds = BETWEEN_ROWS[: 2 if self.run.forces else 1]
+        return tuple(product(kinds, METHODS))
+
+    @cached_property
+    def _as_logged(self) -> _Departures:
+        return self._departures(self.run, ())
 
     def improved(self, fit: _Fit) -> _Fit:
-        """A fit after a step of Gauss and Newton, by the likeliest method.
+        """A fit after a step of Gauss and Newton, by the likeliest of its methods.
 
         Raises:
             FlowError: the equations have no finite motion between rows of what went in.
         """
-        own = fit.filter
-        fits = self._fitted(own.before(self.run), *self._changes(own), fit.steps)
-        fits.sort(key=lambda item: item[0])
-        left, change, _ = fits[0]
-        numbers = tuple(x + float(d) for x, d in zip(own.numbers, change, strict=True))
-        near = tuple(step for x, _, step in fits if x <= NEAR * left)
-        return _Fit(replace(own, numbers=numbers), left, near)
+        departures = self._departures(fit.filter.before(self.run), fit.steps)
+        return departures.improved(fit, *self._changes(fit.filter))
+
+    def first(self, order: int) -> list[_Fit]:
+        """Filters of an order after one such step from none, by all methods, where these are finite.
+
+        Before it what goes in is the same but for what alternates: one flow is for several filters.
+        """
+        fits, kinds = list[_Fit](), (False, True)
+        for trapezoid, ways in ((False, kinds), (True, kinds[:1]), (True, kinds[1:])):
+            filters = [
+                LowPass((0.0,) * order, trapezoid, both_ways, forces)
+                for both_ways, forces in product(ways, kinds if self.run.forces else (False,))
+            ]
+            with suppress(FlowError, np.linalg.LinAlgError):
+                departures = self._departures(filters[0].before(self.run), self.steps)
+                for own in filters:
+                    fit = _Fit(own, np.inf, self.steps)
+                    fits.append(departures.improved(fit, *self._changes(own)))
+        return fits
 
     def _changes(self, own: LowPass) -> tuple[Array, Array]:
         """What units of its numbers do to states (T, 2n, p) and forces (T, m, p) before a filter."""
@@ -270,96 +298,37 @@ class _FilteredRows:
                 break
         return fit
 
-    def _flat(self, x: Array) -> Array:
-        """Columns (N, 2n, p) in units of the prediction errors (N · 2n, p)."""
-        return (x / self.unit[:, None]).reshape(x.shape[0] * x.shape[1], x.shape[2])
+    def _departures(self, run: Trajectory, steps: Sequence[Step]) -> _Departures:
+        """What rows of a run depart by from these steps.
 
-    def _point(self, run: Trajectory) -> Point:
+        Raises:
+            FlowError: the equations have no finite motion between the rows.
+        """
         log = observations(self.model, run, len(run))
         if log is None or LoggedForces.of(run).places != self.model.log.places:
             raise FlowError(
                 "too few rows are left of what went into the filter, or forces act in others"
             )
-        point = start(self.plant, run, log)
-        if len(point.log.intervals) != len(run) - 1:
+        flow = flow_of(self.plant, run, log)
+        if not (len(log.intervals) == len(run) - 1 and np.isfinite(flow.w).all()):
             raise FlowError("the flow of what went into the filter leaves all bounds")
-        return point
-
-    def _departures(
-        self, point: Point, change: Array, of_forces: Array, steps: Sequence[Step]
-    ) -> Iterator[tuple[Step, Array, Array]]:
-        """What rows depart by from each kind of step (N · 2n,), and what changes of them do to that.
-
-        The changes are of states (T, 2n, p) and of logged forces (T, m, p).
-        """
-        model = self.model
-        nodes, h = np.linspace(0.0, 1.0, 5)[:, None], point.log.intervals.h
-        for kind in dict.fromkeys(kind for kind, _ in steps):
-            forces = point.forces.alike(kind)
-            forced = np.zeros((len(h), 2 * model.n, change.shape[2]))
-            for k, response in enumerate(point.flow.force_responses if change.size else ()):
-                first, last = of_forces[:-1, k], of_forces[1:, k]
-                slope = last - first if kind == "smooth" else np.zeros_like(first)
-                for j in range(change.shape[2]):
-                    forced[:, :, j] += impulse(response, first[:, j] + nodes * slope[:, j], h)
-            methods = tuple(m for k, m in steps if k == kind and m is not EXACT)
-            for of in point.flow.at(point.log, forces=forces, methods=methods).maps:
-                if (kind, of.method) not in steps:
-                    continue
-                w = model.difference(of.end, point.log.intervals.end)
-                Phi = transition(self.plant, of, point.log.intervals, forces.between)
-                Phi = point.tangent.Phi if Phi is None else Phi
-                moved = self._flat(change[1:] - Phi @ change[:-1] - forced)
-                w = self._flat(w[:, :, None])[:, 0]
-                if np.isfinite(w).all() and np.isfinite(moved).all():
-                    yield (kind, of.method), w, moved
-
-    def _of_causes(self, point: Point) -> Array:
-        """What the columns of causes in the equations do to the rows (N · 2n, P), zero for others."""
-        columns = cause_columns(point.flow, point.log, self.kernels, None)
-        whats = [column.what for kernels in self.kernels for column in kernels.columns]
-        # What is late in the log does what a filter does.
-        acting = ~np.isin(whats, COLUMNS_OF_THE_LOG)
-        if self.acting:
-            acting &= np.isin(np.arange(len(whats)), self.acting)
-        return self._flat(np.where(acting, point.tangent.transported(columns), 0.0))
-
-    def _fitted(
-        self, run: Trajectory, change: Array, of_forces: Array, steps: Sequence[Step]
-    ) -> list[tuple[float, Array, Step]]:
-        """What each kind of step leaves beside changes and causes, with the numbers of the former."""
-        point = self._point(run)
-        basis = self._of_causes(point)
-        if not np.isfinite(basis).all():
-            raise FlowError("causes have no finite effect on what went into the filter")
-        if basis.shape[1]:
-            basis = orth(basis * inverse_sizes(np.sum(basis**2, axis=0)), rcond=SAME)
-        fits = list[tuple[float, Array, Step]]()
-        for step, r, D in self._departures(point, change, of_forces, steps):
-            r, D = (x - basis @ (basis.T @ x) for x in (r, D))
-            numbers = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
-            # In most intervals: blows are of a few, which few numbers could explain.
-            each = ((r + D @ numbers) ** 2).reshape(len(run) - 1, -1).mean(axis=1)
-            fits.append((float(np.sqrt(np.median(each))), numbers, step))
-        if not fits:
-            raise FlowError("no step is finite between the rows of what went into the filter")
-        return fits
+        return _Departures(self, log, flow, Tangent.of(flow, log), steps)
 
     def with_causes(self, fit: _Fit) -> _FilteredRows:
         """The same rows by equations with the few columns of causes in them that explain most beside a fit.
 
         All columns together do what a filter does, and causes are not linear in their size.
         """
-        point = self._point(fit.filter.before(self.run))
-        steps = self._departures(point, *self._changes(fit.filter), fit.steps[:1])
-        B, step = self._of_causes(point), next(steps, None)
-        if step is None or not np.isfinite(B).all():
+        departures = self._departures(fit.filter.before(self.run), fit.steps[:1])
+        if not departures.each:
             raise FlowError("no step is finite between the rows of what went into the filter")
-        _, r, D = step
+        [step] = departures.each
+        B, r = departures.causes, departures.of(step)
+        D = departures.moved(step, *self._changes(fit.filter))
         d = inverse_sizes(np.sum(B**2, axis=0))
         X, some, start = B * d, list(self.acting), 0.0
         while not self.acting and len(some) < COLUMNS:
-            basis = orth(np.column_stack([D, X[:, some]]), rcond=SAME)
+            basis = _basis(np.column_stack([D, X[:, some]]))
             rest, left = (x - basis @ (basis.T @ x) for x in (r, X))
             start = start if some else float(rest @ rest)
             if float(rest @ rest) <= SQUARES * start:  # these may be of squares
@@ -374,17 +343,136 @@ class _FilteredRows:
         return replace(self, coefficients=own + d * change, acting=tuple(some))
 
 
+@dataclass(frozen=True, eq=False)
+class _Departures:
+    """What rows depart by from those that steps make of the rows before, beside what causes do."""
+
+    rows: _FilteredRows
+    log: Observations
+    flow: Flow
+    tangent: Tangent
+    steps: Sequence[Step]
+
+    @cached_property
+    def each(self) -> dict[Step, tuple[Array, Map]]:
+        """Prediction errors (N, 2n) by each kind of step, and its map, where these are finite."""
+        each, intervals = dict[Step, tuple[Array, Map]](), self.log.intervals
+        for kind in dict.fromkeys(kind for kind, _ in self.steps):
+            methods = tuple(m for k, m in self.steps if k == kind)
+            forces, counts = self.flow.forces.alike(kind), self.log.counts
+            own = list(maps(self.rows.plant, intervals, forces.between, counts, 1, methods))
+            if EXACT in methods:
+                alike = forces.kinds == self.flow.forces.kinds
+                flow = self.flow if alike else self.flow.at(self.log, forces=forces)
+                own.append(flow.maps[-1])
+            for of in own:
+                w = self.rows.model.difference(of.end, intervals.end)
+                if np.isfinite(w).all():
+                    each[kind, of.method] = w, of
+        return each
+
+    @cached_property
+    def transitions(self) -> dict[Step, Array]:
+        """Derivatives (N, 2n, 2n) of each map; those of the exact flow for an implicit one.
+
+        What a delay does to a motion hardly departs from it: to the first order in the step it is nothing.
+        """
+        own, Phi = dict[Step, Array](), self.tangent.Phi
+        for (kind, method), (_, of) in self.each.items():
+            between = self.flow.forces.alike(kind).between
+            each = transition(self.rows.plant, of, self.log.intervals, between)
+            own[kind, method] = Phi if each is None else each
+        return own
+
+    @cached_property
+    def causes(self) -> Array:
+        """What the columns of causes in the equations do to the rows (N · 2n, P), zero for others.
+
+        Raises:
+            FlowError: that is not finite.
+        """
+        kernels, acting = self.rows.kernels, self.rows.acting
+        columns = cause_columns(self.flow, self.log, kernels, None)
+        whats = [column.what for own in kernels for column in own.columns]
+        # What is late in the log does what a filter does.
+        some = ~np.isin(whats, COLUMNS_OF_THE_LOG)
+        if acting:
+            some &= np.isin(np.arange(len(whats)), acting)
+        effects = self._flat(np.where(some, self.tangent.transported(columns), 0.0))
+        if not np.isfinite(effects).all():
+            raise FlowError("causes have no finite effect on what went into the filter")
+        return effects
+
+    @cached_property
+    def _of_causes(self) -> Array:
+        """Orthonormal columns (N · 2n, k) of what causes do."""
+        return _basis(self.causes * inverse_sizes(np.sum(self.causes**2, axis=0)))
+
+    def _flat(self, x: Array) -> Array:
+        """Columns (N, 2n, p) in units of the prediction errors of the log (N · 2n, p)."""
+        return (x / self.rows.unit[:, None]).reshape(x.shape[0] * x.shape[1], x.shape[2])
+
+    def of(self, step: Step) -> Array:
+        """Those of a step (N · 2n,) in these units."""
+        return self._flat(self.each[step][0][:, :, None])[:, 0]
+
+    def moved(self, step: Step, change: Array, of_forces: Array) -> Array:
+        """What changes of states (T, 2n, p) and of logged forces (T, m, p) do to them (N · 2n, p)."""
+        nodes, h = np.linspace(0.0, 1.0, 5)[:, None], self.log.intervals.h
+        if not change.size:
+            return self._flat(change[1:])
+        moved = change[1:] - self.transitions[step] @ change[:-1]
+        for k, response in enumerate(self.flow.force_responses):
+            first, last = of_forces[:-1, k], of_forces[1:, k]
+            slope = last - first if step[0] == "smooth" else np.zeros_like(first)
+            for j in range(change.shape[2]):
+                moved[:, :, j] -= impulse(response, first[:, j] + nodes * slope[:, j], h)
+        return self._flat(moved)
+
+    def beside(self, change: Array, of_forces: Array) -> list[tuple[float, Array, Step]]:
+        """What each kind of step leaves beside such changes and causes, with the numbers of the former."""
+        fits, of_causes = list[tuple[float, Array, Step]](), self._of_causes
+        for step in self.each:
+            r, D = self.of(step), self.moved(step, change, of_forces)
+            if not np.isfinite(D).all():
+                continue
+            r, D = (x - of_causes @ (of_causes.T @ x) for x in (r, D))
+            numbers = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
+            # In most intervals: blows are of a few, which few numbers could explain.
+            squares = ((r + D @ numbers) ** 2).reshape(len(self.log.intervals), -1)
+            fits.append((float(np.sqrt(np.median(squares.mean(axis=1)))), numbers, step))
+        return fits
+
+    def improved(self, fit: _Fit, change: Array, of_forces: Array) -> _Fit:
+        """A fit by the likeliest step, where units of its numbers make these changes.
+
+        Raises:
+            FlowError: no step is finite.
+        """
+        fits = self.beside(change, of_forces)
+        if not fits:
+            raise FlowError("no step is finite between the rows of what went into the filter")
+        fits.sort(key=lambda item: item[0])
+        left, step, _ = fits[0]
+        numbers = tuple(x + float(d) for x, d in zip(fit.filter.numbers, step, strict=True))
+        near = tuple(step for x, _, step in fits if x <= NEAR * left)
+        return _Fit(replace(fit.filter, numbers=numbers), left, near)
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal columns (N, k) of the space of others (N, p)."""
+    if not columns.size:
+        return columns[:, :0]
+    Q, R, _ = qr(columns, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(R))
+    return np.asarray(Q[:, : np.count_nonzero(sizes > SAME * sizes[0])])
+
+
 def _likely(rows: _FilteredRows) -> Iterator[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
-    kinds, share = (False, True), LEFT_OF_INPUT if rows.kernels else NOTHING
+    share = LEFT_OF_INPUT if rows.kernels else NOTHING
     for order in ORDERS:
-        first, settled = list[_Fit](), list[_Fit]()
-        for both_ways, trapezoid, forces in product(kinds, kinds, kinds):
-            if forces and not rows.run.forces:
-                continue
-            with suppress(FlowError, np.linalg.LinAlgError):
-                filter_ = LowPass((0.0,) * order, trapezoid, both_ways, forces)
-                first.append(rows.improved(_Fit(filter_, np.inf, STEPS)))
+        first, settled = rows.first(order), list[_Fit]()
         least = min((fit.left for fit in first), default=np.inf)
         if least > LEFT_OF_INPUT * rows.whole:
             return  # one of higher order looks like one of lower order

@@ -160,34 +160,42 @@ class Flow:
 class Tangent:
     """What small errors and the fields of an integrator do along a flow.
 
-    h            lengths (N, 1) of the intervals, s
+    flow, log    the flow, and the log whose pieces it joins
     J            ∂f/∂x (N, 2n, 2n) at each node
-    fields       the integrator's (N, 2n, fields) at each node, times their powers of the step
     transitions  Φ (N, 2n, 2n) from each node to the next
     """
 
-    h: Array
+    flow: Flow
+    log: Observations
     J: list[Array]
-    fields: list[Array]
     transitions: list[Array]
 
     @staticmethod
     def of(flow: Flow, log: Observations) -> Tangent:
         """The tangent at the nodes of a flow."""
-        plant, pieces, step = flow.plant, log.pieces, log.steps
-        J, fields = list[Array](), list[Array]()
-        for at in flow.nodes[:-1]:
-            J.append(plant.jacobian(at))
+        ends = flow.end.take(_last(log.pieces))
+        own = [flow.plant.jacobian(at) for at in flow.nodes[:-1]]
+        J = _at_nodes(log.pieces, own, flow.plant.jacobian(ends))
+        return Tangent(flow, log, J, transitions(log.intervals.h, J))
+
+    @property
+    def h(self) -> Array:
+        """Lengths (N, 1) of the intervals, s."""
+        return self.log.intervals.h
+
+    @cached_property
+    def fields(self) -> list[Array]:
+        """The integrator's (N, 2n, fields) at each node, times their powers of the step."""
+        plant, pieces, step = self.flow.plant, self.log.pieces, self.log.steps
+        fields = list[Array]()
+        for at, J in zip(self.flow.nodes[:-1], self.J, strict=False):
             own = elementary_differentials(plant, at, step)
-            further = [next_order(J[-1][a:b], own[a:b], at.t[a:b], step[a:b]) for a, b in pieces]
+            further = [next_order(J[a:b], own[a:b], at.t[a:b], step[a:b]) for a, b in pieces]
             fields.append(np.concatenate([own, np.concatenate(further)], axis=2))
         last = _last(pieces)
-        ends = flow.end.take(last)
-        own = elementary_differentials(plant, ends, step[last])
+        own = elementary_differentials(plant, self.flow.end.take(last), step[last])
         end = np.concatenate([own, fields[0][last][:, :, own.shape[2] :]], axis=2)
-        J = _at_nodes(pieces, J, plant.jacobian(ends))
-        h = log.intervals.h
-        return Tangent(h, J, _at_nodes(pieces, fields, end), transitions(h, J))
+        return _at_nodes(pieces, fields, end)
 
     @cached_property
     def Phi(self) -> Array:
@@ -783,14 +791,8 @@ class Point:
         return np.array([c if x is None else x for c, x in zip(coefficients, own, strict=True)])
 
 
-def start(model: LogModel, run: Trajectory, log: Observations, energy: float = 0.0) -> Point:
-    """The point at the rows of a log and the model itself, without columns of causes.
-
-    Intervals in which the flow leaves all bounds, as in singular positions, are left out.
-
-    Raises:
-        FlowError: these are too many.
-    """
+def flow_of(model: LogModel, run: Trajectory, log: Observations) -> Flow:
+    """The flow of a model between the rows of a log, by forces as these say."""
     intervals = log.intervals
     logged = LoggedForce.of(intervals, log.pieces, log.counts)
     # Forces that were held over each of several steps between rows are not those of the rows.
@@ -799,9 +801,19 @@ def start(model: LogModel, run: Trajectory, log: Observations, energy: float = 0
     names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
     declared = tuple("start" if name in held else "" for name in names)
     kinds = tuple(kind or "smooth" for kind in declared)
-    flow = Flow(
-        model, intervals, InterpolatedForces(logged, kinds, declared), log.noise[1], log.counts
-    )
+    forces = InterpolatedForces(logged, kinds, declared)
+    return Flow(model, intervals, forces, log.noise[1], log.counts)
+
+
+def start(model: LogModel, run: Trajectory, log: Observations, energy: float = 0.0) -> Point:
+    """The point at the rows of a log and the model itself, without columns of causes.
+
+    Intervals in which the flow leaves all bounds, as in singular positions, are left out.
+
+    Raises:
+        FlowError: these are too many.
+    """
+    flow = flow_of(model, run, log)
     tangent = Tangent.of(flow, log)
     lost = ~(np.isfinite(flow.w).all(axis=1) & tangent.finite)
     if any(event.impulsive for event in model.mechanism.events) and not run.events:

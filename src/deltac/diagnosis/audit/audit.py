@@ -653,6 +653,8 @@ def _inferred(
     asked = asked and not limit.passed("a filter of the log")
     model = LogModel(mechanism, rows)
     inference, through = None, unfiltered(model, rows) if asked else None
+    if through is None and not any(f.kind == "late-forces" for f in log.findings):
+        through = _realigned(mechanism, rows, begun)
     if through is None:
         inference = begun.with_causes(limit, lacking)
         # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
@@ -670,6 +672,51 @@ def _inferred(
         return inference, None
     before, told = through
     return None, balanced(mechanism, before, reference.work, (*log.findings, told))
+
+
+def _realigned(
+    mechanism: Mechanism, run: Trajectory, begun: Unclosed
+) -> tuple[Trajectory, Finding] | None:
+    """A run with the forces of other rows if these follow from each other then, perhaps beside causes.
+
+    With what that says; None if forces of no other rows do better.
+    """
+    for beside_causes in (False, True):
+        left = begun.left_by_shifts(beside_causes)
+        most = SHARE_OF_SHIFT * left.get(0, 0.0)
+        for late in sorted((m for m in left if m and left[m] < most), key=lambda m: left[m])[:2]:
+            shifted = _shifted(run, late)
+            again = closed(mechanism, shifted)
+            right = again is not None
+            if isinstance(again, Unclosed):
+                right = again.left_by_shifts(beside_causes).get(0, np.inf) <= KNOWN
+            if right:
+                return shifted, _told_late(run, late)
+    return None
+
+
+SHARE_OF_SHIFT = 0.1
+"""Share of the squares of prediction errors of a log that forces of other rows may leave to be looked at."""
+
+
+def _shifted(run: Trajectory, late: int) -> Trajectory:
+    """A run with forces as many rows later."""
+    count, first = len(run) - abs(late), max(late, 0)
+    forces = {n: f[first - late : first - late + count] for n, f in run.forces.items()}
+    some = run.take(slice(first, first + count))
+    return replace(some, forces=forces, stages=None, integrals={}, works={})
+
+
+def _told_late(run: Trajectory, late: int) -> Finding:
+    rows = f"{abs(late)} row{'s' if abs(late) > 1 else ''}"
+    return Finding(
+        "late-forces",
+        f"forces act {rows} {'later' if late > 0 else 'earlier'} than they were logged",
+        "by the forces of those rows these follow from each other",
+        "Log each force beside the state from which it acts; it is what is judged",
+        "note",
+        factor=late * float(np.median(np.diff(run.t))),
+    )
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

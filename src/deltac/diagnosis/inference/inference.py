@@ -8,6 +8,7 @@ matrix.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -47,6 +48,7 @@ from deltac.diagnosis.inference.interpolation import (
     WITHIN_A_ROW,
     closed_by_other_forces,
     held_as_in,
+    left_by_shifts,
     with_filter,
     with_likeliest_forces,
 )
@@ -92,6 +94,10 @@ FORCED = 0.5
 force makes: a smooth one makes none, what is of each on its own is one."""
 
 
+NO_MOTION = (FlowError, np.linalg.LinAlgError)
+"""Where the equations have no finite motion between the rows."""
+
+
 @dataclass(frozen=True, eq=False)
 class Unclosed:
     """A log of which the rows do not follow from each other without a cause: the points to begin at."""
@@ -99,6 +105,16 @@ class Unclosed:
     points: tuple[Point, ...]
     equations: LogEquations
     kernels: ColumnKernels
+
+    def left_by_shifts(self, beside_causes: bool) -> dict[int, float]:
+        """What forces of other rows leave of some rows, see the function; nothing for no forces."""
+        point = self.points[-1]
+        if not point.forces_known and point.forces.kinds:
+            with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
+                if beside_causes:
+                    point = point.with_candidates(self.equations, self.kernels)
+                return left_by_shifts(point.sampled(SAMPLE).with_columns())
+        return {}
 
     def with_causes(
         self, limit: TimeLimit | None = None, lacking: bool = False

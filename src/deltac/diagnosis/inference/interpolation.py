@@ -28,6 +28,9 @@ WITHIN_A_ROW = 1.0
 BEYOND = 1.5
 """Delay, in that of a force that is held twice in each interval, beyond which it is the log's."""
 
+MOST_LATE = 4
+"""Rows by which forces may act later or earlier than they were logged, at most."""
+
 SINGLY = 12
 """Columns of logged forces up to which each is asked on its own."""
 
@@ -118,7 +121,7 @@ def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
         for k, response in enumerate(point.flow.force_responses)
         for which in range(4)
     ]
-    trial = _beside(point, best, columns)
+    trial = _beside(point, _along(point, best), columns)
     p = trial.projected
     gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
     tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
@@ -162,25 +165,69 @@ def _likeliest_filter(point: Point, best: Fit) -> tuple[float, float] | None:
         change = np.stack([other.between(s) for s in nodes]) - now
         for k, response in enumerate(point.flow.force_responses):
             column += impulse(response, change[:, :, k], log.intervals.h)
-    trial = _beside(point, best, columns)
-    p = trial.projected
-    rss = np.maximum(p.rss - 2.0 * p.b + np.diag(p.A), 1e-300)
+    trial = _beside(point, _along(point, best), columns)
+    rss = _left(trial)
     k = int(np.argmin(rss))
     tau = autocorrelation_time(trial.residual(np.eye(len(rss))[k]))
-    odds = 0.5 * trial.count / tau * np.log(p.rss / rss[k]) - np.log(len(rss))
+    odds = 0.5 * trial.count / tau * np.log(trial.projected.rss / rss[k]) - np.log(len(rss))
     return filters[k] if odds > CERTAIN else None
 
 
-def _beside(point: Point, best: Fit, columns: list[Array]) -> Block:
-    """Whitened prediction errors with columns (N, 2n), beside the integrator's fields and causes."""
+def left_by_shifts(point: Point) -> dict[int, float]:
+    """Variance that forces leave of prediction errors if they act so many rows later than they were logged.
+
+    In units of what is known, beside the columns of causes that the point has. A command may be logged steps
+    before it acts, or after; it is held or smooth between the rows.
+    """
+    log, forces, nodes = point.log, point.forces, np.linspace(0.0, 1.0, 5)
+    now = np.stack([forces.between(s) for s in nodes])
+    whole = np.zeros(len(log.intervals), dtype=np.bool_)
+    for a, b in log.pieces:
+        whole[a + MOST_LATE : b - MOST_LATE] = True
+    columns, late = list[Array](), list[int]()
+    for m in range(-MOST_LATE, MOST_LATE + 1):
+        for kind in ("smooth", "start") if m else [kind for kind in FORCES if kind != "step"]:
+            other = forces.alike(kind)
+            change = np.stack([np.roll(other.between(s), m, axis=0) for s in nodes]) - now
+            own = np.zeros_like(log.noise[0])
+            for k, response in enumerate(point.flow.force_responses):
+                own += impulse(response, change[:, :, k], log.intervals.h)
+            columns.append(own)
+            late.append(m)
+    of_causes = np.eye(len(point.coefficients))[:, point.of_equations]
+    trial = _beside(point, np.column_stack([of_causes, point.coefficients]), columns, whole)
+    left: dict[int, float] = {}
+    for m, rss in zip(late, _left(trial).tolist(), strict=True):
+        left[m] = min(rss / trial.count, left.get(m, np.inf))
+    return left
+
+
+def _left(trial: Block) -> Array:
+    """RSS of prediction errors without each of the columns."""
+    p = trial.projected
+    return np.maximum(p.rss - 2.0 * p.b + np.diag(p.A), 1e-300)
+
+
+def _along(point: Point, best: Fit) -> Array:
+    """What coefficients do that are beside a fit, and in the last column those that there are."""
+    return np.column_stack([best.tangent, point.coefficients])
+
+
+def _beside(
+    point: Point, along: Array, columns: list[Array], some: NDArray[np.bool_] | None = None
+) -> Block:
+    """Whitened prediction errors with columns (N, 2n), beside the integrator's fields and causes.
+
+    Of the latter combinations (P, k), the last of which is there; of all or `some` intervals (N,).
+    """
     tangent, prior = point.tangent, point.tangent.prior
-    along = np.column_stack([best.tangent, point.coefficients])
     of_causes = tangent.transported([x @ along for x in point.columns])
     w = point.errors(point.flow.end, tangent.Phi)[:, :, None] + of_causes[:, :, -1:]
     B = np.concatenate([tangent.effects, of_causes[:, :, :-1]], axis=2)
     everything = [w, B, np.stack(columns, axis=2)]
     innovations = point.log.innovations(tangent.Phi, point.noise.total)
     white, _ = innovations(np.concatenate(everything, axis=2))
+    white = white if some is None else white[some]
     count = B.shape[2]
     prior = np.concatenate([prior, np.full(count - len(prior), 1e6)])
     places = count + np.arange(len(columns))

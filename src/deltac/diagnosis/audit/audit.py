@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
+from deltac.arrays import LONG_LOG, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -649,12 +649,15 @@ def _inferred(
     begun = closed(mechanism, rows, log.ledger.energy_exchanged)
     if not isinstance(begun, Unclosed):
         return begun, None
-    asked = not any(f.kind == "filtered" for f in log.findings)
-    asked = asked and not limit.passed("a filter of the log")
-    model = LogModel(mechanism, rows)
-    inference, through = None, unfiltered(model, rows) if asked else None
-    if through is None and not any(f.kind == "late-forces" for f in log.findings):
-        through = _realigned(mechanism, rows, begun)
+    told = {f.kind for f in log.findings}
+    asked = "filtered" not in told and not limit.passed("a filter of the log")
+    model, inference, through = LogModel(mechanism, rows), None, None
+    # What closes rows without a cause is asked first; a shift of forces is less than a filter of all states.
+    for beside_causes in (False, True):
+        if through is None and "late-forces" not in told:
+            through = _realigned(mechanism, rows, begun, beside_causes)
+        if through is None and asked and not beside_causes:
+            through = unfiltered(model, rows)
     if through is None:
         inference = begun.with_causes(limit, lacking)
         # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
@@ -675,23 +678,24 @@ def _inferred(
 
 
 def _realigned(
-    mechanism: Mechanism, run: Trajectory, begun: Unclosed
+    mechanism: Mechanism, run: Trajectory, begun: Unclosed, beside_causes: bool
 ) -> tuple[Trajectory, Finding] | None:
     """A run with the forces of other rows if these follow from each other then, perhaps beside causes.
 
     With what that says; None if forces of no other rows do better.
     """
-    for beside_causes in (False, True):
-        left = begun.left_by_shifts(beside_causes)
-        most = SHARE_OF_SHIFT * left.get(0, 0.0)
-        for late in sorted((m for m in left if m and left[m] < most), key=lambda m: left[m])[:2]:
-            shifted = _shifted(run, late)
-            again = closed(mechanism, shifted)
-            right = again is not None
-            if isinstance(again, Unclosed):
-                right = again.left_by_shifts(beside_causes).get(0, np.inf) <= KNOWN
-            if right:
-                return shifted, _told_late(run, late)
+    left = begun.left_by_shifts(beside_causes)
+    most = SHARE_OF_SHIFT * left.get(0, 0.0)
+    for late in sorted((m for m in left if m and left[m] < most), key=lambda m: left[m])[:2]:
+        shifted = _shifted(run, late)
+        again = closed(mechanism, shifted)
+        right = again is not None
+        if isinstance(again, Unclosed):
+            # Causes are not linear in their size: what is left of them is little beside the forces.
+            known = max(KNOWN, SMALL_SHARE * left[0])
+            right = again.left_by_shifts(beside_causes).get(0, np.inf) <= known
+        if right:
+            return shifted, _told_late(run, late)
     return None
 
 

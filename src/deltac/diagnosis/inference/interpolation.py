@@ -224,10 +224,13 @@ def _beside(
     of_causes = tangent.transported([x @ along for x in point.columns])
     w = point.errors(point.flow.end, tangent.Phi)[:, :, None] + of_causes[:, :, -1:]
     B = np.concatenate([tangent.effects, of_causes[:, :, :-1]], axis=2)
-    everything = [w, B, np.stack(columns, axis=2)]
+    everything = np.concatenate([w, B, np.stack(columns, axis=2)], axis=2)
     innovations = point.log.innovations(tangent.Phi, point.noise.total)
-    white, _ = innovations(np.concatenate(everything, axis=2))
-    white = white if some is None else white[some]
+    if some is None:
+        white, _ = innovations(everything)
+    else:  # what others have must not reach these by the noise that rows share
+        white, _ = innovations(np.where(some[:, None, None], everything, 0.0))
+        white = white[some]
     count = B.shape[2]
     prior = np.concatenate([prior, np.full(count - len(prior), 1e6)])
     places = count + np.arange(len(columns))

@@ -108,8 +108,8 @@ class Unclosed:
 
     def left_by_shifts(self, beside_causes: bool) -> dict[int, float]:
         """What forces of other rows leave of some rows, see the function; nothing for no forces."""
-        point = self.points[-1]
-        if not point.forces_known and point.forces.kinds:
+        point = self.points[-1] if self.points else None
+        if point is not None and point.forces.kinds and not point.forces_known:
             with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
                 if beside_causes:
                     point = point.with_candidates(self.equations, self.kernels)

@@ -112,6 +112,39 @@ def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     assert told == pytest.approx(curve, abs=0.01 * np.abs(curve).max() + 1e-8)
 
 
+def implicit(residual: Callable[[Array, Array, float], Array]) -> Step:
+    """The step by which a residual of the states at its ends vanishes, under a torque held over it."""
+
+    def step(q: float, u: float, torque: float) -> tuple[float, float]:
+        x = end = np.array([q, u])
+        for _ in range(20):  # each is a hundred times nearer
+            end = end - residual(x, end, torque)
+        return float(end[0]), float(end[1])
+
+    return step
+
+
+def rate(x: Array, torque: float) -> Array:
+    return np.array([x[1], acceleration(x[0], x[1], torque)])
+
+
+trapezoidal = implicit(lambda x, y, F: y - x - 0.5 * H * (rate(x, F) + rate(y, F)))
+midpoint = implicit(lambda x, y, F: y - x - H * rate(0.5 * (x + y), F))
+
+
+@pytest.mark.parametrize("step", repeated((trapezoidal, midpoint), trapezoidal))
+def test_implicit_methods_of_second_order_under_forces_that_are_held(step: Step) -> None:
+    x, torques = motion(step, 400)
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(401)))
+    assert audit.integrator is not None and audit.attribution is not None
+    assert audit.integrator.names == (
+        "trapezoidal" if step is trapezoidal else "implicit-midpoint",
+    )
+    # Steps are solved to 1e-14 each, the energy's derivative is some joules.
+    told = audit.attribution.integrator.curve
+    assert told == pytest.approx(true_joules(x, torques), abs=1e-9 + 0.02 * np.ptp(told))
+
+
 def of_other_rows(step: Step, late: int) -> tuple[dc.Trajectory, Array]:
     """A log in which each torque acts so many rows after its own, and the true joules at its rows."""
     x, torques = motion(step, 400)

@@ -418,7 +418,10 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         known = (one for one in others if one.at.point.forces.act_as(moved.forces))
         if moved is not comparison.point:
             comparison = next(known, None) or compared(moved)
-    if comparison.maps and comparison.methods[0].order == 1 and point.run.provenance.held is None:
+    rows_alone = comparison.maps and (
+        comparison.methods[0].order == 1 or comparison.methods[0].defect is not None
+    )
+    if rows_alone and point.run.provenance.held is None:
         moved = held_as_in(comparison)
         comparison = comparison if moved is comparison.point else compared(moved)
     return comparison

@@ -187,26 +187,33 @@ def _implicit_in(whole: bool) -> Step:
     return step
 
 
-def _implicit_euler(time: float) -> Defect:
-    """The acceleration is that after the step, of forces at a time: 0 before it, as if held, 1 after it."""
+def _implicit_euler(held: bool) -> Defect:
+    """The acceleration is that after the step, of forces as if held or of those there."""
 
     def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
-        F = end.F if time else at.F
+        F = at.F if held else end.F
         return model.moved(at.q, end.u, h), at.u + h * model.acceleration(end.t, end.q, end.u, F)
 
     return defect
 
 
-def _trapezoidal(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
-    u = at.u + 0.5 * h * (model.at(at) + model.at(end))
-    return model.moved(at.q, 0.5 * (at.u + end.u), h), u
+def _trapezoidal(held: bool) -> Defect:
+    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+        F = at.F if held else end.F
+        u = at.u + 0.5 * h * (model.at(at) + model.acceleration(end.t, end.q, end.u, F))
+        return model.moved(at.q, 0.5 * (at.u + end.u), h), u
+
+    return defect
 
 
-def _implicit_midpoint(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
-    mean = 0.5 * (at.u + end.u)
-    q = model.moved(at.q, mean, 0.5 * h)
-    a = model.acceleration(0.5 * (at.t + end.t), q, mean, 0.5 * (at.F + end.F))
-    return model.moved(at.q, mean, h), at.u + h * a
+def _implicit_midpoint(held: bool) -> Defect:
+    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+        mean, F = 0.5 * (at.u + end.u), at.F if held else 0.5 * (at.F + end.F)
+        q = model.moved(at.q, mean, 0.5 * h)
+        a = model.acceleration(0.5 * (at.t + end.t), q, mean, F)
+        return model.moved(at.q, mean, h), at.u + h * a
+
+    return defect
 
 
 def _first_of_stretches(intervals: Intervals) -> NDArray[np.intp]:
@@ -410,6 +417,16 @@ USUAL = _of_families(
 )
 """Generalized-α as programs have it: what rows with noise tell a parameter from is no single method."""
 
+
+def _implicit(
+    name: str, order: int, numbers: dict[str, float], of: Callable[[bool], Defect]
+) -> tuple[Integrator, ...]:
+    """A method of forces as if held over the step, and of those at both ends."""
+    return tuple(
+        Integrator(name, order, numbers, defect=of(held), later=not held) for held in (True, False)
+    )
+
+
 INTEGRATORS = (
     Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
     *SPLIT,
@@ -417,12 +434,11 @@ INTEGRATORS = (
         "implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False), holding=True
     ),
     Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True), holding=True),
-    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(0.0)),
-    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(1.0), later=True),
+    *_implicit("implicit-euler", 1, _first(0.5, 0.5, 0.5), _implicit_euler),
     Integrator("heun", 2, _second(1 / 12, -1 / 6), _explicit("ode2")),
     Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
-    Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
-    Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
+    *_implicit("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), _implicit_midpoint),
+    *_implicit("trapezoidal", 2, _second(1 / 12, 1 / 12), _trapezoidal),
     Integrator("adams-bashforth-2", 2, _second(-5 / 12, -5 / 12), memory=_adams_bashforth),
     *_of_families((_chung_hulbert, (0.0, 1.0)), (_hilber_hughes_taylor, (-1 / 3, 0.0))),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),

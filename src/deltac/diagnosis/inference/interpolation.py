@@ -93,13 +93,15 @@ def held_as_in(comparison: HypothesisComparison) -> Point:
     """The point at which forces are held if the method takes those of each row alone; itself if they are.
 
     Between rows they are not seen then; whoever computes them once a step holds them. Who takes those of the
-    next row does not: they are functions of time.
+    next row, or of both, does not: they are functions of time.
     """
-    point, later, counts = comparison.point, comparison.methods[0].later, comparison.counts
+    point, method, counts = comparison.point, comparison.methods[0], comparison.counts
     held = "step" if counts.max() > 1 else "start"
 
     def acting(kind: str) -> str:
-        if later:
+        if method.later and method.order > 1:
+            return "smooth" if kind in ("start", "end") else kind
+        if method.later:
             return "ramp" if kind == "end" else kind
         return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
 

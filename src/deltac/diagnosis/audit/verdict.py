@@ -56,6 +56,9 @@ MOST_EXPLAINED = 0.9
 EXACT_ROWS = 1e-6
 """Noise of rows as a share of their changes below which they are as a simulator computed them."""
 
+MOST_TIMES_AS_MANY = 100
+"""Times as many rows that anyone would log."""
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -738,11 +741,12 @@ def _undecided(e: Judgement) -> Finding:
     if e.hidden > 1.0 - PROBABLE["medium"]:
         name, joules = max(inference.unseen.items(), key=lambda item: item[1])
         times = min(2.0 * joules / max(e.allowed, 1e-300), 1e6)
+        rows = int(np.ceil(times**2))
+        more = f"{rows} times as many rows, " if rows <= MOST_TIMES_AS_MANY else ""
         return finding(
             f"{name} may hide {2.0 * joules:.2g} J",
             f"{times:.2g} times what is allowed",
-            f"Log with {np.log10(max(times, 1.01)):.1f} more digits, {int(np.ceil(times**2))} times as many "
-            "rows, or accelerations, or excite it",
+            f"Log with {np.log10(max(times, 1.01)):.1f} more digits, {more}or accelerations, or excite it",
             factor=times,
         )
     if e.mistake[1] > 1.0 - PROBABLE["medium"]:

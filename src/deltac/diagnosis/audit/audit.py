@@ -651,26 +651,24 @@ def _inferred(
         return begun, None
     told = {f.kind for f in log.findings}
     asked = "filtered" not in told and not limit.passed("a filter of the log")
-    model, inference, through = LogModel(mechanism, rows), None, None
-    # What closes rows without a cause is asked first; a shift of forces is less than a filter of all states.
-    for beside_causes in (False, True):
-        if through is None and "late-forces" not in told:
-            through = _realigned(mechanism, rows, begun, beside_causes)
-        if through is None and asked and not beside_causes:
-            through = unfiltered(model, rows)
+    shifted = "late-forces" in told
+    model, inference = LogModel(mechanism, rows), None
+    # What closes rows without a cause is asked first.
+    through = None if shifted else _realigned(mechanism, rows, begun, False)
+    if through is None and asked:
+        through = unfiltered(model, rows)
     if through is None:
         inference = begun.with_causes(limit, lacking)
-        # Beside a mistake a filter may not be seen; beside all causes it is. What is late may be one.
-        if (
-            asked
-            and inference is not None
-            and (
-                inference.late
-                or inference.excess > KNOWN
-                or (inference.finds_something and not inference.closes)
-            )
-        ):
-            through = unfiltered(model, rows, (begun.kernels,))
+    # Beside a mistake a filter may not be seen, or forces of other rows; beside all causes they are. What is
+    # late may be either, and the former is more.
+    if inference is not None and (
+        inference.late
+        or inference.excess > KNOWN
+        or (inference.finds_something and not inference.closes)
+    ):
+        through = unfiltered(model, rows, (begun.kernels,)) if asked else None
+        if through is None and not shifted:
+            through = _realigned(mechanism, rows, begun, True)
     if through is None:
         return inference, None
     before, told = through
@@ -692,7 +690,7 @@ def _realigned(
         right = again is not None
         if isinstance(again, Unclosed):
             # Causes are not linear in their size: what is left of them is little beside the forces.
-            known = max(KNOWN, SMALL_SHARE * left[0])
+            known = max(KNOWN, SMALL_SHARE * left[0] if beside_causes else 0.0)
             right = again.left_by_shifts(beside_causes).get(0, np.inf) <= known
         if right:
             return shifted, _told_late(run, late)

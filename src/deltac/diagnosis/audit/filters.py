@@ -289,6 +289,13 @@ class _FilteredRows:
             forces.append((last.F - first.F) / (2.0 * half))
         return np.stack(states, axis=-1), np.stack(forces, axis=-1)
 
+    def again(self, fit: _Fit) -> _Fit:
+        """A fit by what its likeliest method or the flow leaves when it has settled: not all is linear."""
+        few = tuple(dict.fromkeys([fit.steps[0], (fit.steps[0][0], EXACT)]))
+        with suppress(FlowError, np.linalg.LinAlgError):
+            return replace(self.settled(replace(fit, steps=few)), steps=fit.steps)
+        return fit
+
     def settled(self, fit: _Fit) -> _Fit:
         """A fit after as many steps as make it better. Raises as `improved`."""
         fit = replace(fit, left=np.inf)
@@ -472,12 +479,13 @@ def _likely(rows: _FilteredRows) -> Iterator[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
     share = LEFT_OF_INPUT if rows.kernels else NOTHING
     for order in ORDERS:
-        first, settled = rows.first(order), list[_Fit]()
+        few, settled = LEFT_OF_INPUT * rows.whole, list[_Fit]()
+        first = [fit if fit.left <= few else rows.again(fit) for fit in rows.first(order)]
         least = min((fit.left for fit in first), default=np.inf)
-        if least > LEFT_OF_INPUT * rows.whole:
+        if least > few:
             return  # one of higher order looks like one of lower order
         for fit in first:
-            if fit.left <= min(LEFT_OF_INPUT * rows.whole, NEAR * least):
+            if fit.left <= min(few, NEAR * least):
                 with suppress(FlowError, np.linalg.LinAlgError):
                     settled.append(rows.settled(fit))
         right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]

@@ -290,18 +290,21 @@ class _FilteredRows:
         return np.stack(states, axis=-1), np.stack(forces, axis=-1)
 
     def again(self, fit: _Fit) -> _Fit:
-        """A fit by what its likeliest method or the flow leaves when it has settled: not all is linear."""
+        """A fit by what its likeliest method or the flow leaves, after steps that are ten times better each.
+
+        Rotations and long delays are not linear in the numbers of a filter.
+        """
         few = tuple(dict.fromkeys([fit.steps[0], (fit.steps[0][0], EXACT)]))
         with suppress(FlowError, np.linalg.LinAlgError):
-            return replace(self.settled(replace(fit, steps=few)), steps=fit.steps)
+            return replace(self.settled(replace(fit, steps=few), 1.0 / NEAR), steps=fit.steps)
         return fit
 
-    def settled(self, fit: _Fit) -> _Fit:
-        """A fit after as many steps as make it better. Raises as `improved`."""
+    def settled(self, fit: _Fit, rest: float = 1.0 - ROUGHLY) -> _Fit:
+        """A fit after as many steps as leave no more than this `rest` each. Raises as `improved`."""
         fit = replace(fit, left=np.inf)
         for _ in range(NEWTON_STEPS):
             before, fit = fit, self.improved(fit)
-            if fit.left > (1.0 - ROUGHLY) * before.left:
+            if fit.left > rest * before.left:
                 break
         return fit
 

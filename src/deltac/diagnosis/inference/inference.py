@@ -418,9 +418,9 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         known = (one for one in others if one.at.point.forces.act_as(moved.forces))
         if moved is not comparison.point:
             comparison = next(known, None) or compared(moved)
-    rows_alone = comparison.maps and (
-        comparison.methods[0].order == 1 or comparison.methods[0].defect is not None
-    )
+    method = comparison.methods[0] if comparison.maps else None
+    # Near the right method, before causes are linearised at themselves, others may leave less.
+    rows_alone = method and (method.order == 1 or (method.defect and comparison.closing))
     if rows_alone and point.run.provenance.held is None:
         moved = held_as_in(comparison)
         comparison = comparison if moved is comparison.point else compared(moved)

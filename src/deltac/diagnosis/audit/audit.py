@@ -644,14 +644,17 @@ def _judgement(
 def _inferred(
     reference: AuditReference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
 ) -> tuple[Inference | None, Log | None]:
-    """The inference of the rows of a log; and the log of what went into a filter, if it is one of that."""
+    """The inference of the rows of a log; or the log that is judged in its place.
+
+    That is what went into a filter, or the same states with the forces of other rows.
+    """
     mechanism = reference.mechanism
     begun = closed(mechanism, rows, log.ledger.energy_exchanged)
     if not isinstance(begun, Unclosed):
         return begun, None
-    told = {f.kind for f in log.findings}
-    asked = "filtered" not in told and not limit.passed("a filter of the log")
-    shifted = "late-forces" in told
+    known = {f.kind for f in log.findings}
+    asked = "filtered" not in known and not limit.passed("a filter of the log")
+    shifted = "late-forces" in known
     model, inference = LogModel(mechanism, rows), None
     # What closes rows without a cause is asked first.
     through = None if shifted else _realigned(mechanism, rows, begun, False)

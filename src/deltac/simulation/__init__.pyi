@@ -1,5 +1,6 @@
 """What packages above use, for type checkers and for `__init__.py`, which loads it on first use."""
 
+from deltac.simulation.arguments import IllConditionedWarning as IllConditionedWarning
 from deltac.simulation.arguments import positive as positive
 from deltac.simulation.arguments import whole_steps as whole_steps
 from deltac.simulation.ensemble.ensemble import Ensemble as Ensemble
@@ -10,8 +11,13 @@ from deltac.simulation.equations import StateSymbols as StateSymbols
 from deltac.simulation.equations import as_equations as as_equations
 from deltac.simulation.equations import explicit as explicit
 from deltac.simulation.equations import state_symbols as state_symbols
+from deltac.simulation.flow import Keeping as Keeping
 from deltac.simulation.recording import Record as Record
+from deltac.simulation.simulate import SimulationStoppedWarning as SimulationStoppedWarning
+from deltac.simulation.solvers import SOLVERS as SOLVERS
 from deltac.simulation.solvers import Adaptive as Adaptive
+from deltac.simulation.solvers import Options as Options
+from deltac.simulation.solvers import Solver as Solver
 from deltac.simulation.solvers import find_solver as find_solver
 from deltac.simulation.solvers import solver_options as solver_options
 from deltac.simulation.state_form import PLAIN_FORM as PLAIN_FORM
@@ -22,3 +28,5 @@ from deltac.simulation.state_form import declared_order as declared_order
 from deltac.simulation.state_form import likeliest as likeliest
 from deltac.simulation.state_form import state_names as state_names
 from deltac.simulation.state_form import usual_orders as usual_orders
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning as EnergyErrorWarning
+from deltac.simulation.step_size.stiffness import StiffStepWarning as StiffStepWarning

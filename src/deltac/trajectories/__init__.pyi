@@ -35,6 +35,7 @@ from deltac.trajectories.lint import suspicions as suspicions
 from deltac.trajectories.motion import Movement as Movement
 from deltac.trajectories.motion import preferred as preferred
 from deltac.trajectories.occurrences import Occurrence as Occurrence
+from deltac.trajectories.rates import FEWEST_ROWS as FEWEST_ROWS
 from deltac.trajectories.rates import derived_error as derived_error
 from deltac.trajectories.rates import with_accelerations as with_accelerations
 from deltac.trajectories.trajectory import INTERPOLATED as INTERPOLATED

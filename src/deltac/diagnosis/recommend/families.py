@@ -14,13 +14,10 @@ from deltac.diagnosis.recommend.work_precision import Deadline, Family, MotionRo
 from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
 from deltac.errors import ArgumentsError, InputError, SolverError, WrongType
 from deltac.importers.files import with_base
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
-from deltac.simulation.equations import Controller
-from deltac.simulation.recording import Record
-from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
+from deltac.mechanism import Mechanism, State
+from deltac.simulation import SOLVERS, Controller, Record, Solver, find_solver, solver_options
 from deltac.trajectories import Trajectory
+from deltac.verbs import simulate
 
 Control = Callable[[Any, Any], object]
 

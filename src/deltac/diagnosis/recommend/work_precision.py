@@ -18,15 +18,12 @@ from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import LEAST_ORDER
-from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.energy import balance
+from deltac.dynamics import equations_of, trace
 from deltac.errors import DeltacError, InputError, SolverError
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
-from deltac.simulation.simulate import SimulationStoppedWarning
-from deltac.simulation.step_size.energy_error import EnergyErrorWarning
-from deltac.simulation.step_size.stiffness import StiffStepWarning
+from deltac.mechanism import Mechanism, State
+from deltac.simulation import EnergyErrorWarning, SimulationStoppedWarning, StiffStepWarning
 from deltac.trajectories import Trajectory
+from deltac.verbs import balance
 
 Made = TypeVar("Made")
 
@@ -455,6 +452,6 @@ def _inertia_by_unit(mechanism: Mechanism, state: State) -> dict[str, float]:
     free = mechanism.free
     if not len(free.u):
         return {}
-    terms = equations_of_motion(mechanism).terms(state.t, state.q[free.q], state.u[free.u])
+    terms = equations_of(trace(mechanism)).terms(state.t, state.q[free.q], state.u[free.u])
     units = [mechanism.speeds[int(k)].unit for k in free.u]
     return dict(zip(units, map(float, by_unit(np.diag(terms.M), units))))

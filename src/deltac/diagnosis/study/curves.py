@@ -13,7 +13,7 @@ from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
 from deltac.diagnosis.study.convergence import FEWEST_TIMES, Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]

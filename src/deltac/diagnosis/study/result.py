@@ -15,7 +15,7 @@ from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.study.sample_residuals import SampleResiduals
 from deltac.diagnosis.verdict import Judged, Verdict
 from deltac.energy import Ledger
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.results import Section, Table, number, percent
 
 if TYPE_CHECKING:

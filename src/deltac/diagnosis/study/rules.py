@@ -21,7 +21,7 @@ from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.runs import corrections
 from deltac.diagnosis.verdict import LEAST_ORDER, Confidence, Finding, Verdict, VerdictKind, percent
 from deltac.energy import Ledger
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 # --- what is noticed besides the verdict ---------------------------------------------------------

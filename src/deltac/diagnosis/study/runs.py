@@ -18,15 +18,17 @@ from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.residuals.at_samples import within_digits
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding
-from deltac.energy import Ledger, balance
+from deltac.energy import Ledger
 from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
-from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.arguments import IllConditionedWarning
-from deltac.simulation.simulate import SimulationStoppedWarning
-from deltac.simulation.step_size.energy_error import EnergyErrorWarning
-from deltac.simulation.step_size.stiffness import StiffStepWarning
-from deltac.trajectories import Trajectory
-from deltac.trajectories.rates import FEWEST_ROWS
+from deltac.mechanism import Mechanism
+from deltac.simulation import (
+    EnergyErrorWarning,
+    IllConditionedWarning,
+    SimulationStoppedWarning,
+    StiffStepWarning,
+)
+from deltac.trajectories import FEWEST_ROWS, Trajectory
+from deltac.verbs import balance
 
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""

@@ -22,8 +22,7 @@ from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.study.convergence import FEWEST_TIMES, order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.errors import InputError
-from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import CoordinateMap, Mechanism
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 

@@ -12,17 +12,23 @@ import numpy as np
 
 from deltac.calls.arguments import named, unknown_argument
 from deltac.diagnosis.study.runs import Simulator, StudyRun
-from deltac.dynamics.system import trace
+from deltac.dynamics import trace
 from deltac.errors import ArgumentsError, ModelError, SourceError, WrongType
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism import Mechanism, State
 from deltac.models import Model, ModelLike, StateLike
-from deltac.simulation.equations import Controller, Equations, RightHandSide, as_equations, explicit
-from deltac.simulation.flow import Keeping
-from deltac.simulation.recording import Record
-from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import Options, find_solver
+from deltac.simulation import (
+    Controller,
+    Equations,
+    Keeping,
+    Options,
+    Record,
+    RightHandSide,
+    as_equations,
+    explicit,
+    find_solver,
+)
 from deltac.trajectories import Trajectory
+from deltac.verbs import simulate
 
 MUJOCO = "mujoco:"
 

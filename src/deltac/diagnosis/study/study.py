@@ -51,9 +51,8 @@ from deltac.diagnosis.verdict import (
     function_of,
 )
 from deltac.errors import ArgumentsError, InputError, SolverError
-from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.simulation.solvers import Options, solver_options
+from deltac.simulation import Options, solver_options
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -105,11 +104,11 @@ def studied(
         orders = {name: _none(convergence) for name, convergence in orders.items()}
     residuals = None
     if not trusted:
-        by_hand = None if maker.equations is None else maker.equations.coordinates
+        by_hand = maker.equations
         residuals = residuals_of(
             mechanism,
             [(entry.step, entry.run) for entry in comparable],
-            own_coordinates(mechanism, by_hand),
+            None if by_hand is None else loaded.coordinate_map(None, by_hand),
             until=compared.horizon,
             trusted=maker.trusted,
         )

@@ -194,6 +194,43 @@ def rhs(t, y):
         repair_source(Source("eom.py", text, "rhs"), Target(BOB))
 
 
+def test_an_index_out_of_range_is_none_of_a_control() -> None:
+    """Read as f(t, y, control), with two controls of zero, the function would run."""
+    text = """
+from math import sin
+m, l, g, c = 1.3, 0.7, 9.81, 0.2
+def rhs(t, q, u):
+    return [-g / l * sin(q[0]) - c / (m * l**2) * u[1]]
+"""
+    found = repair_source(Source("eom.py", text, "rhs"), Target(BOB))
+    assert found.fixes[0].words == ("u[1] should be u[0]",) and found.fixes[0].ran
+
+
+def test_a_term_is_missing_beside_a_control_that_is_zero() -> None:
+    text = """
+from math import sin
+m, l, g, c = 1.3, 0.7, 9.81, 0.2
+def rhs(state, force):
+    a, w = state
+    x = l * sin(a)
+    moment = force * l
+    return [w, moment / (m * l**2)]
+"""
+    found = repair_source(Source("eom.py", text, "rhs"), Target(BOB))
+    assert found.fixes and found.fixes[0].lines == (7,) and found.certain
+
+
+@pytest.mark.slow
+def test_two_terms_of_one_sine_are_missing() -> None:
+    """(m1 lc1 + m2 l1) g sin q: no name and no expression has these moments."""
+    case = next(c for c in CASES if c.name == "acrobot_closure")
+    source = read_source(case.target)
+    text = source.text.replace("(m1 * lc1 + m2 * l1) * g * np.sin(q[0]) + ", "")
+    assert text != source.text
+    found = repair_source(source.replaced(text), Target(*case.load()), 200.0)
+    assert found.fixes and all(fix.ran for fix in found.fixes) and found.certain
+
+
 def test_an_unused_constant_of_another_module_is_known(tmp_path: Path) -> None:
     """The only use of prm.g was mistaken: its module still has it."""
     (tmp_path / "prm.py").write_text("m, l, g, c = 1.3, 0.7, 9.81, 0.2\n")

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -27,6 +28,7 @@ from deltac.repair.edits.candidates import EditCandidate, unified_diff
 from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
+from deltac.repair.edits.single import smaller_indices
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
@@ -244,8 +246,17 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
+    indices = (
+        (edit,)
+        for line in sorted(program.source.outside_range)
+        for edit in smaller_indices(source, line)
+    )
+    right = _confirm(source, program.varied, target, deadline, indices)
+    if right:
+        return _report(program, target, right, start, deadline)
     right, suspected = _search(program, target, deadline)
-    coincidence = False
+    # In another form than the likeliest, an edit may fit by chance; q̇ would tell that the form is right.
+    coincidence = bool(program.source.outside_range) and not program.worst.trace.rates
     if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
         nominal = read(source, target, vary=False)
@@ -265,14 +276,16 @@ def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[E
     alone: list[list[EditCandidate]] = []
     searches = []
 
+    confirm = partial(_confirm, reading.source, reading.varied, target, deadline)
+
     def confirmed_first(kinds: Iterable[Iterable[tuple[EditCandidate, ...]]]) -> Edited:
-        return next(filter(None, (_confirm(reading, target, kind, deadline) for kind in kinds)), [])
+        return next(filter(None, map(confirm, kinds)), [])
 
     for program in reading.faulty:
         search = EditSearch(program, target, deadline)
         search.require()
         singles = search.single()
-        right = _confirm(reading, target, ((c,) for c in singles), deadline)
+        right = confirm((c,) for c in singles)
         suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.sufficient]))
         if right and right[0][0][0].cost > TWO:
             right = sorted([*right, *confirmed_first(pairs(search, True))], key=_total_cost)
@@ -294,10 +307,11 @@ def _total_cost(edit: tuple[tuple[EditCandidate, ...], Source]) -> float:
 
 
 def _confirm(
-    reading: ProgramReading,
+    source: Source,
+    varied: tuple[str, ...],
     target: Target,
-    candidates: Iterable[tuple[EditCandidate, ...]],
     deadline: float,
+    candidates: Iterable[tuple[EditCandidate, ...]],
 ) -> Edited:
     """Those of some edits that are right at fresh states, cheapest first, with the sources they make."""
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
@@ -308,10 +322,10 @@ def _confirm(
         cost = sum(e.cost for e in edits)
         if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
-        lines = tuple(reading.source.statement(e.place).lineno for e in edits)
+        lines = tuple(source.statement(e.place).lineno for e in edits)
         if places[lines] >= SHOWN:
             continue
-        changed = confirmed(reading.source, target, edits, reading.varied)
+        changed = confirmed(source, target, edits, varied)
         if changed is not None and changed.text not in texts:
             texts.add(changed.text)
             places[lines] += 1

@@ -229,7 +229,9 @@ def sums(
     group = program.samples.group
     for missing in (True, False):
         old = requirement.value * missing
-        for p, q in two_products(requirement.required - old, group, *sides, but=-old):
+        value = requirement.required - old
+        of_constants = products_of_two_constants(value, group, *sides)
+        for p, q in [*of_constants, *two_products(value, group, *sides, but=-old)]:
             p, q = (p, q) if p.number > 0 else (q, p)
             both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
             new: ast.expr | str = both
@@ -404,10 +406,22 @@ def products(
     """Products that equal `wanted` (B,), the simplest first."""
     if not np.isfinite(value).all() or np.abs(value).max() == 0.0:
         return []
-    matches: list[Product] = []
+    matches = [
+        _product(number, powers, state[0], others, constant[0])
+        for powers, coefficient in _coefficients(value, group, state[1])
+        for number, others in _numbers(coefficient, constant[1])
+    ]
+    matches.sort(key=_plainness)
+    return matches[:SHOWN]
+
+
+def _coefficients(
+    value: Array, group: NDArray[np.intp], state: TermTable
+) -> Iterator[tuple[Powers, Array]]:
+    """Products of what depends on the state, each with the constants (G,) that make it equal `value` (B,)."""
     starts = np.searchsorted(group, np.arange(group[-1] + 1))
     with np.errstate(all="ignore"):
-        rest = value / state[1].values
+        rest = value / state.values
         low = np.minimum.reduceat(rest, starts, axis=1)
         high = np.maximum.reduceat(rest, starts, axis=1)
         largest = np.maximum(np.abs(low), np.abs(high))
@@ -415,10 +429,39 @@ def products(
     for k in np.flatnonzero(spread.all(axis=1)):
         coefficient = 0.5 * (low[k] + high[k])
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
-            powers = state[1].powers(int(k))
-            for number, others in _numbers(coefficient, constant[1]):
-                matches.append(_product(number, powers, state[0], others, constant[0]))
-    matches.sort(key=_plainness)
+            yield state.powers(int(k)), coefficient
+
+
+def products_of_two_constants(
+    value: Array,
+    group: NDArray[np.intp],
+    state: tuple[Atoms, TermTable],
+    constant: tuple[Atoms, TermTable],
+) -> list[tuple[Product, Product]]:
+    """Two products of the same states whose sum equals `value` (B,): (m1 l1 + m2 l2) sin q.
+
+    Two sets of the constants' values give both numbers, the others test them.
+    """
+    if not np.isfinite(value).all() or group[-1] < 2 or len(constant[1].values) > MOST_SUMMED:
+        return []
+    C = constant[1].values
+    matches = []
+    for powers, coefficient in _coefficients(value, group, state[1]):
+        with np.errstate(all="ignore"):
+            minor = coefficient[0] * C[:, 1] - coefficient[1] * C[:, 0]
+            a = minor / (np.outer(C[:, 0], C[:, 1]) - np.outer(C[:, 1], C[:, 0]))
+            sums = a[..., None] * C[:, None, 2:] + a.T[..., None] * C[None, :, 2:]
+            fits = np.abs(sums - coefficient[2:]) <= HALF_DIGITS * np.abs(coefficient[2:])
+        for i, j in np.argwhere(np.triu(fits.all(axis=2), 1)):
+            shares = a[[i, j], [j, i]]
+            places, near = _plain_factors(shares)
+            if near.all():
+                first, second = (
+                    _product(number, powers, state[0], constant[1].powers(int(k)), constant[0])
+                    for number, k in zip(map(_signed, places, shares), (i, j))
+                )
+                matches.append((first, second))
+    matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
     return matches[:SHOWN]
 
 
@@ -486,18 +529,23 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
         ratio = coefficient / table.values
         middle = ratio[:, 0]
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= HALF_DIGITS * np.abs(middle)
-        sizes = np.array([float(f) for f in PLAIN_FACTORS])
-        place = np.clip(np.searchsorted(sizes, np.abs(middle)), 1, len(sizes) - 1)
-        below, above = (
-            np.abs(sizes[place - 1] - np.abs(middle)),
-            np.abs(sizes[place] - np.abs(middle)),
-        )
-        place = np.where(below < above, place - 1, place)
-        near = np.abs(sizes[place] - np.abs(middle)) <= HALF_DIGITS * sizes[place]
+        place, near = _plain_factors(middle)
     return [
-        (PLAIN_FACTORS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
-        for k in np.flatnonzero(same & near)
+        (_signed(place[k], middle[k]), table.powers(int(k))) for k in np.flatnonzero(same & near)
     ]
+
+
+def _plain_factors(numbers: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Which plain factors come nearest to the sizes of some numbers, and whether they are these sizes."""
+    factors, sizes = np.array([float(f) for f in PLAIN_FACTORS]), np.abs(numbers)
+    place = np.clip(np.searchsorted(factors, sizes), 1, len(factors) - 1)
+    place = np.where(sizes - factors[place - 1] < factors[place] - sizes, place - 1, place)
+    return place, np.abs(factors[place] - sizes) <= HALF_DIGITS * factors[place]
+
+
+def _signed(place: int, number: float) -> Fraction:
+    """A plain factor with the sign of a number."""
+    return PLAIN_FACTORS[place] * (1 if number > 0.0 else -1)
 
 
 def _plainness(product: Product) -> tuple[float, str]:

@@ -125,7 +125,7 @@ class Requirements:
                 down, square = (np.add.reduceat(x, starts)[group] for x in (down, square))
             return np.asarray(-down / np.maximum(square, 1e-24 * square.max()))
 
-        size = np.abs(start) + np.sqrt(np.mean(start**2)) + 1e-12
+        size = sizes(start)
         before = program.original_residual
         h = 1e-4 * size
         slope = (residual(start + h) - before) / h
@@ -176,6 +176,11 @@ class Requirements:
         y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
         x = 1.0 / y
         return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
+
+
+def sizes(value: Array) -> Array:
+    """How large a number is at each state; 1 where it is zero at all of them, which tells no size."""
+    return np.abs(value) + np.sqrt(np.mean(value**2)) if value.any() else np.ones_like(value)
 
 
 def _slots(program: Program, place: int) -> list[int]:

@@ -17,10 +17,10 @@ from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
-from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
+from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements, sizes
 from deltac.repair.edits.single import additions, edits
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.tracing.program import Program, at
+from deltac.repair.tracing.program import Program, at, formed
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
@@ -150,6 +150,7 @@ def confirmed(
     if changed is None:
         return None
     try:
+        changed = formed(changed, target)
         again = at(changed, target, varied, fresh=True)
     except InputError:
         return None
@@ -295,8 +296,8 @@ def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
     base = program.original_residual
     for place, instance in program.numbers.items():
         slot = instance.value.index
-        value = np.asarray(program.tape.values[slot])
-        step = 1e-4 * (np.abs(value) + np.sqrt(np.mean(value**2)) + 1e-12)
+        value = program.values(slot)
+        step = 1e-4 * sizes(value)
         slope = (program.residual(values={slot: value + step}) - base) / step
         length = np.sqrt(np.sum(slope**2, axis=0))
         if np.isfinite(length).all() and length.max() > 0.0:

@@ -95,6 +95,21 @@ def edits(source: Source, place: int, names: Names) -> Edits:
         yield from _arrays(source, place, node, names)
 
 
+def smaller_indices(source: Source, line: int) -> Edits:
+    """Smaller numbers for the indices in a line where one is out of range."""
+    for place, node in enumerate(source.nodes):
+        if not isinstance(node, ast.Subscript) or not node.lineno <= line <= (node.end_lineno or 0):
+            continue
+        entries = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        for k, entry in enumerate(entries):
+            if isinstance(entry, ast.Constant) and isinstance(entry.value, int):
+                for index in range(entry.value):
+                    others = [*entries[:k], ast.Constant(index), *entries[k + 1 :]]
+                    new = others[0] if len(others) == 1 else ast.Tuple(others, ast.Load())
+                    tree = ast.Subscript(node.value, new, node.ctx)
+                    yield EditCandidate(source, place, tree, "index", 1.0)
+
+
 def additions(source: Source, place: int, names: Names) -> Edits:
     """What is forgotten beside a node: a name as a factor, a divisor or a term."""
     node = source.nodes[place]

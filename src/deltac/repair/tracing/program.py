@@ -17,7 +17,7 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
-from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
+from deltac.repair.tracing.tracer import IndexOutOfRange, Instance, Trace, branches, form_of
 from deltac.simulation import StateForm, candidate_forms, likeliest
 
 PLAIN_COUNTS = 12
@@ -278,12 +278,13 @@ def formed(source: Source, target: Target) -> Source:
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
         if failures:
-            raise failures[0]
+            raise next((f for f in failures if isinstance(f, IndexOutOfRange)), failures[0])
         raise SourceError(
             f"{source.name}: {source.qualified} takes the arguments ({', '.join(parameters[0])}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"
         )
-    return replace(source, form=form)
+    lines = frozenset(f.line for f in failures if isinstance(f, IndexOutOfRange))
+    return replace(source, form=form, outside_range=lines)
 
 
 def named_parameters(

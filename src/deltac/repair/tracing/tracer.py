@@ -90,6 +90,14 @@ class Endless(TracingRefused):
     """A loop that does not end."""
 
 
+class IndexOutOfRange(TracingRefused):
+    """An index is out of range in a line of the file."""
+
+    def __init__(self, message: str, line: int) -> None:
+        super().__init__(message)
+        self.line = line
+
+
 @dataclass(frozen=True, repr=False)
 class Instance:
     """One evaluation of a node: its value, and the names in scope there."""
@@ -336,6 +344,8 @@ class _Tracer:
                     ". The function is traced: call it once, and if Python raises the same error at this "
                     f"line, mend that first; else {READABLE}"
                 )
+            if isinstance(error, IndexError) and name == self.source.name:
+                raise IndexOutOfRange(message, line) from None
             raise TracingRefused(message) from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:

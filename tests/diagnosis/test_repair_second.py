@@ -231,6 +231,25 @@ def test_two_terms_of_one_sine_are_missing() -> None:
     assert found.fixes and all(fix.ran for fix in found.fixes) and found.certain
 
 
+@pytest.mark.parametrize(
+    ("name", "mistake", "words"),
+    [
+        ("chain_loops", "the other speed", "u[i] should be u[j]"),
+        ("masses_loop", "an index", "v[i] should be v[i - 1]"),
+        ("kapitza_solve_ivp", "I/r² forgotten", "c * omega must be divided by m and l**2"),
+    ],
+)
+def test_a_use_in_each_turn_of_a_loop_and_a_divisor_of_three(
+    name: str, mistake: str, words: str
+) -> None:
+    case = next(c for c in CASES if c.name == name)
+    source = read_source(case.target)
+    old, new = next((o, n) for w, o, n in MISTAKES[name] if w == mistake)
+    source = source.replaced(source.text.replace(old, new, 1))
+    found = repair_source(source, Target(*case.load()))
+    assert found.fixes[0].words == (words,) and found.fixes[0].ran and found.certain
+
+
 def test_an_unused_constant_of_another_module_is_known(tmp_path: Path) -> None:
     """The only use of prm.g was mistaken: its module still has it."""
     (tmp_path / "prm.py").write_text("m, l, g, c = 1.3, 0.7, 9.81, 0.2\n")

@@ -365,7 +365,7 @@ class TermTable:
 
 
 def powers_of(atoms: Atoms, degree: int, quotients: bool) -> TermTable:
-    """Products of at most `degree` atoms, with quotients of names if wanted."""
+    """Products of at most `degree` atoms, with quotients and reciprocals of names if wanted."""
     A, n, V = len(atoms), atoms.names, atoms.values
     blocks: list[tuple[NDArray[np.intp], tuple[int, ...]]] = [(np.empty((1, 0), dtype=np.intp), ())]
     if A:
@@ -377,6 +377,8 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> TermTable:
             blocks.append((_triples(atoms.triple), (1, 1, 1)))
         if quotients:
             blocks.append((np.arange(A)[:, None], (-1,)))
+            blocks.append((np.stack(np.triu_indices(n), axis=1), (-1, -1)))
+            blocks.append((_triples(min(n, SUM_TRIPLE)), (-1, -1, -1)))  # 1/(m l²)
             i, j = (x.ravel() for x in np.indices((n, n)))
             blocks.append((np.stack([i, j], axis=1)[i != j], (1, -1)))
             blocks.append((np.stack([i, j, j], axis=1)[i != j], (1, -1, -1)))  # I/r², k/r²

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +18,9 @@ from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
 from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
+
+NEIGHBOURS = {"": 0, " - 1": -1, " + 1": 1}
+"""Which entries of a sequence a loop has to do with, beside that of its counter."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -284,11 +288,12 @@ def _entries(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _counted(name: str, value: Any, scope: dict[str, Any]) -> Iterator[tuple[str, Slot]]:
-    """Entries of a sequence that a variable of a loop counts."""
+    """Entries of a sequence that a variable of a loop counts, and those before and after them."""
     if isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim == 1):
-        for counter, k in scope.items():
-            if type(k) is int and 0 <= k < len(value) and isinstance(value[k], Slot):
-                yield f"{name}[{counter}]", value[k]
+        for (counter, count), (text, k) in itertools.product(scope.items(), NEIGHBOURS.items()):
+            place = count + k if type(count) is int else -1
+            if 0 <= place < len(value) and isinstance(value[place], Slot):
+                yield f"{name}[{counter}{text}]", value[place]
 
 
 def _of_the_state(program: Program, value: Any) -> bool:

@@ -297,9 +297,10 @@ def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
     for place, instance in program.numbers.items():
         slot = instance.value.index
         value = program.values(slot)
-        step = 1e-4 * sizes(value)
-        slope = (program.residual(values={slot: value + step}) - base) / step
-        length = np.sqrt(np.sum(slope**2, axis=0))
+        with np.errstate(all="ignore"):
+            step = 1e-4 * sizes(value)
+            slope = (program.residual(values={slot: value + step}) - base) / step
+            length = np.sqrt(np.sum(slope**2, axis=0))
         if np.isfinite(length).all() and length.max() > 0.0:
             places.append(place)
             along.append(slope / np.where(length > 1e-9 * length.max(), length, np.inf))

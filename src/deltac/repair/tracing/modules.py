@@ -33,6 +33,13 @@ class UserModule:
         """From id() of a node to its place."""
         return {id(node): k for k, node in enumerate(self.nodes)}
 
+    @cached_property
+    def in_loops(self) -> frozenset[int]:
+        """The places of nodes that loops and comprehensions evaluate in each turn."""
+        loops = (ast.For, ast.While, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp)
+        inner = (node for loop in self.nodes if isinstance(loop, loops) for node in ast.walk(loop))
+        return frozenset(self.number[id(node)] for node in inner)
+
     def code(self, statement: ast.stmt) -> CodeType:
         """A statement of the module, compiled so that it is traced."""
         key = self.number[id(statement)]

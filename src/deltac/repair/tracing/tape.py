@@ -121,14 +121,14 @@ class Tape:
         self.width = max(self.width, np.size(value))
         return self._append(None, (), value, exact, varying)
 
-    def record(self, operation: Operation, *inputs: Any) -> Slot:
+    def record(self, operation: Operation, *inputs: Any, turn: int = 0) -> Slot:
         """Compute and note an operation on slots and numbers.
 
         What one node computes again of the same slots is the same number: a property that is asked for
-        three times can be edited as one.
+        three times can be edited as one. In another `turn` of a loop it may have to be another number.
         """
         slots = tuple(self.slot(value).index for value in inputs)
-        key = (operation, slots, self.node)
+        key = (operation, slots, self.node, turn)
         if key in self._known:
             return Slot(self, self._known[key])
         exact = None

@@ -715,7 +715,8 @@ class _Hooks:
             return value
         tape = self.tracer.tape
         if isinstance(value, Slot):
-            return self.noted(place, tape.record, identity, value)
+            turn = self.tracer.turns if place in self.of.in_loops else 0
+            return self.noted(place, tape.record, identity, value, turn=turn)
         if isinstance(value, np.ndarray) and value.dtype == object:
             if not all(isinstance(x, Slot | int | float | np.number) for x in value.flat):
                 return value

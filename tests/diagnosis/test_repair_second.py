@@ -236,12 +236,12 @@ def test_two_terms_of_one_sine_are_missing() -> None:
     [
         ("chain_loops", "the other speed", "u[i] should be u[j]"),
         ("masses_loop", "an index", "v[i] should be v[i - 1]"),
+        # The term's weight is ω²: where ω is small, rounding decides what the sine must be.
+        ("segway_kkt", "a sine", "np.cos(th): cos should be sin"),
         ("kapitza_solve_ivp", "I/r² forgotten", "c * omega must be divided by m and l**2"),
     ],
 )
-def test_a_use_in_each_turn_of_a_loop_and_a_divisor_of_three(
-    name: str, mistake: str, words: str
-) -> None:
+def test_what_a_mistake_by_hand_should_be(name: str, mistake: str, words: str) -> None:
     case = next(c for c in CASES if c.name == name)
     source = read_source(case.target)
     old, new = next((o, n) for w, o, n in MISTAKES[name] if w == mistake)

@@ -123,16 +123,16 @@ class Vocabulary:
         return Atoms(tuple(texts), rows, names, min(core, TRIPLE), min(names, TRIPLE))
 
     def products(
-        self, requirement: Requirement, value: Array, terms: bool = False
+        self, requirement: Requirement, value: Array, node: Array | None = None
     ) -> list[Product]:
-        """Products that equal `value` (B,): of two atoms and their quotients, or three for terms."""
+        """Products of three atoms that equal `value` (B,); or of two, or quotients, that times `node` do."""
         state, constant = self.atoms(requirement)
-        degree = 3 if terms else 2
+        degree, weight = (3, requirement.weight) if node is None else (2, requirement.weight * node)
         sides = (
-            (state, self.table(state, degree, not terms)),
+            (state, self.table(state, degree, node is not None).times(weight)),
             (constant, self.table(constant, degree, True)),
         )
-        return products(value, self.program.samples.group, *sides)
+        return products(requirement.weight * value, self.program.samples.group, *sides)
 
     def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> TermTable:
         """`powers_of`, kept; of three at a time, the first `triple` at most."""
@@ -203,12 +203,11 @@ def insertions(
     term = outer not in (ast.Add, ast.Sub)
     edit = partial(EditCandidate, source, place)
     if factor:
-        with np.errstate(all="ignore"):
-            ratio = requirement.required / requirement.value
-        yield from _factors(program, place, vocabulary.products(requirement, ratio))
+        factors = vocabulary.products(requirement, requirement.required, requirement.value)
+        yield from _factors(program, place, factors)
     if term:
         difference = requirement.required - requirement.value
-        for p in vocabulary.products(requirement, difference, terms=True):
+        for p in vocabulary.products(requirement, difference):
             new = total(node, variable(p.text), subtract=p.number < 0)
             words = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
             outside = 0.0 if isinstance(node, ast.BinOp) else 0.05
@@ -225,13 +224,13 @@ def sums(
         return
     state, constant = vocabulary.atoms(requirement)
     few = vocabulary.table(state, 3, False, triple=SUM_TRIPLE)
-    sides = (state, few), (constant, vocabulary.table(constant, 3, True))
-    group = program.samples.group
+    group, weight = program.samples.group, requirement.weight
+    sides = (state, few.times(weight)), (constant, vocabulary.table(constant, 3, True))
     for missing in (True, False):
         old = requirement.value * missing
-        value = requirement.required - old
+        value, but = ((requirement.required - old) * weight, -old * weight)
         of_constants = products_of_two_constants(value, group, *sides)
-        for p, q in [*of_constants, *two_products(value, group, *sides, but=-old)]:
+        for p, q in [*of_constants, *two_products(value, group, *sides, but)]:
             p, q = (p, q) if p.number > 0 else (q, p)
             both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
             new: ast.expr | str = both
@@ -257,7 +256,9 @@ def scalings(
     """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
     node = program.source.nodes[requirement.place]
     if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
-        factors = vocabulary.products(requirement, requirement.required)
+        factors = vocabulary.products(
+            requirement, requirement.required, np.ones_like(requirement.value)
+        )
         yield from _factors(program, requirement.place, factors)
 
 
@@ -355,6 +356,10 @@ class TermTable:
     values: Array
     blocks: tuple[tuple[NDArray[np.intp], tuple[int, ...]], ...]
 
+    def times(self, weight: Array) -> TermTable:
+        """The products times a number (B,)."""
+        return replace(self, values=self.values * weight)
+
     def powers(self, k: int) -> Powers:
         """Which atoms the product k is of."""
         for indices, powers in self.blocks:
@@ -405,9 +410,7 @@ def products(
     state: tuple[Atoms, TermTable],
     constant: tuple[Atoms, TermTable],
 ) -> list[Product]:
-    """Products that equal `wanted` (B,), the simplest first."""
-    if not np.isfinite(value).all() or np.abs(value).max() == 0.0:
-        return []
+    """Products that equal `value` (B,), the simplest first."""
     matches = [
         _product(number, powers, state[0], others, constant[0])
         for powers, coefficient in _coefficients(value, group, state[1])
@@ -421,17 +424,14 @@ def _coefficients(
     value: Array, group: NDArray[np.intp], state: TermTable
 ) -> Iterator[tuple[Powers, Array]]:
     """Products of what depends on the state, each with the constants (G,) that make it equal `value` (B,)."""
-    starts = np.searchsorted(group, np.arange(group[-1] + 1))
+    S, starts = state.values, np.searchsorted(group, np.arange(group[-1] + 1))
     with np.errstate(all="ignore"):
-        rest = value / state.values
-        low = np.minimum.reduceat(rest, starts, axis=1)
-        high = np.maximum.reduceat(rest, starts, axis=1)
-        largest = np.maximum(np.abs(low), np.abs(high))
-        spread = np.isfinite(largest) & (high - low <= HALF_DIGITS * largest)
-    for k in np.flatnonzero(spread.all(axis=1)):
-        coefficient = 0.5 * (low[k] + high[k])
-        if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
-            yield state.powers(int(k)), coefficient
+        squares = np.add.reduceat(S * S, starts, axis=1)
+        coefficients = np.add.reduceat(S * value, starts, axis=1) / squares
+        error = np.maximum.reduceat(np.abs(value - coefficients[:, group] * S), starts, axis=1)
+        fits = error <= HALF_DIGITS * np.maximum.reduceat(np.abs(value), starts)
+    for k in np.flatnonzero(fits.all(axis=1) & coefficients.any(axis=1)):
+        yield state.powers(int(k)), coefficients[k]
 
 
 def products_of_two_constants(
@@ -444,7 +444,7 @@ def products_of_two_constants(
 
     Two sets of the constants' values give both numbers, the others test them.
     """
-    if not np.isfinite(value).all() or group[-1] < 2 or len(constant[1].values) > MOST_SUMMED:
+    if group[-1] < 2 or len(constant[1].values) > MOST_SUMMED:
         return []
     C = constant[1].values
     matches = []
@@ -474,14 +474,14 @@ def two_products(
     constant: tuple[Atoms, TermTable],
     but: Array,
 ) -> list[tuple[Product, Product]]:
-    """Pairs of products whose sum equals `wanted` (B,), the simplest first; none of them equal to `but` (B,).
+    """Pairs of products whose sum equals `value` (B,), the simplest first; none of them equal to `but` (B,).
 
     A term that takes off what stands there is no missing one: the other stands in its place. By least squares
     over the states of the first set of parameters, for all pairs at once from the Gram
     matrix; those that fit are tried at the others.
     """
     values, nominal = state[1].values, group == 0
-    if not np.isfinite(value).all() or nominal.sum() < FEWEST_STATES or len(values) > MOST_SUMMED:
+    if nominal.sum() < FEWEST_STATES or len(values) > MOST_SUMMED:
         return []
     S, y = values[:, nominal], value[nominal]
     with np.errstate(all="ignore"):

@@ -38,6 +38,7 @@ class Requirement:
 
     value       what it is, (B,)
     required    what it must be, (B,)
+    weight      how much the equations depend on it, (B,): where they hardly do, rounding decides the value
     rows        the equations that it acts on, (n,) of bool
     sufficient  whether all equations are right then; else only those of `rows`
     unique      whether there is no other such value
@@ -47,6 +48,7 @@ class Requirement:
     slot: int
     value: Array
     required: Array
+    weight: Array
     rows: tuple[bool, ...]
     sufficient: bool
     unique: bool
@@ -160,7 +162,11 @@ class Requirements:
         if not sufficient and rows.all() and only is None:
             return False
         unique = straight or common
-        return Requirement(place, slot, start, x, tuple(map(bool, rows)), sufficient, unique)
+        length = np.sqrt(np.sum(slope[rows] ** 2, axis=0))
+        weight = np.ones_like(x) if common else length / length.max()
+        return Requirement(
+            place, slot, start, x, weight, tuple(map(bool, rows)), sufficient, unique
+        )
 
     def _divided(
         self,

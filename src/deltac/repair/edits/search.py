@@ -108,8 +108,8 @@ class EditSearch:
         change = changes[r.slot]
         with np.errstate(all="ignore"):
             x = change.operation(*(self.program.tape.values[k] for k in change.inputs))
-        size = np.abs(r.required).max() + np.abs(r.value).max()
-        return bool(np.abs(x - r.required).max() <= 1e-7 * size)
+        size = (r.weight * (np.abs(r.required) + np.abs(r.value))).max()
+        return bool((r.weight * np.abs(x - r.required)).max() <= HALF_DIGITS * size)
 
     def tried(
         self, places: Iterable[int], kind: EditKind

@@ -278,7 +278,7 @@ def formed(source: Source, target: Target) -> Source:
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
         if failures:
-            raise next((f for f in failures if isinstance(f, IndexOutOfRange)), failures[0])
+            raise failures[0]
         raise SourceError(
             f"{source.name}: {source.qualified} takes the arguments ({', '.join(parameters[0])}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"

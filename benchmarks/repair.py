@@ -77,7 +77,7 @@ def same(source: Any, other: Any, target: Any) -> bool:
     import numpy as np
 
     from deltac.errors import InputError
-    from deltac.repair.tracing.tracer import trace
+    from deltac.repair.tracing.tracer import branches
 
     at = target.samples((), True)
     rng = np.random.default_rng(1)
@@ -85,7 +85,7 @@ def same(source: Any, other: Any, target: Any) -> bool:
     factors: dict[str, Any] = {}
     for text in (source, other):
         try:
-            found = trace(text, at.t, at.q, at.u)
+            ((_, found),) = branches(text, at.t, at.q, at.u)
         except InputError:
             return False
         moved = {}

@@ -46,7 +46,7 @@ def tasks(
 ) -> list[dict[str, Any]]:
     """The mistakes of a program: by hand, enumerated where it was read, and double."""
     from deltac.repair.mutate.operators import mutants
-    from deltac.repair.tracing.program import spans
+    from deltac.repair.mutate.report import spans
 
     text = source.text
     made: list[dict[str, Any]] = []

@@ -16,7 +16,7 @@ from deltac.repair.outcome import Repair
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.samples import Target
 from deltac.repair.tracing.source import Source, read_source
-from deltac.repair.tracing.tracer import trace
+from deltac.repair.tracing.tracer import branches
 
 EQUATIONS = """\
 from math import cos, sin
@@ -321,7 +321,7 @@ def test_reading_gives_what_python_gives(body: str) -> None:
     ast.parse(text)
     rng = np.random.default_rng(0)
     t, q, u = rng.random(5), rng.uniform(0.2, 2, (2, 5)), rng.standard_normal((2, 5))
-    found = trace(Source("eom.py", text, "rhs"), t, q, u)
+    ((_, found),) = branches(Source("eom.py", text, "rhs"), t, q, u)
     read = found.tape.run(found.outputs)
     namespace: dict[str, object] = {}
     exec(text, namespace)

@@ -232,21 +232,23 @@ def test_two_terms_of_one_sine_are_missing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "mistake", "words"),
+    ("name", "old", "new", "words"),
     [
-        ("chain_loops", "the other speed", "u[i] should be u[j]"),
-        ("masses_loop", "an index", "v[i] should be v[i - 1]"),
+        ("chain_loops", "u[j] ** 2", "u[i] ** 2", "u[i] should be u[j]"),
+        ("masses_loop", "v[i - 1] if", "v[i] if", "v[i] should be v[i - 1]"),
+        ("kapitza_solve_ivp", "c / (m * l**2)", "c", "c * omega must be divided by m and l**2"),
         # The term's weight is ω²: where ω is small, rounding decides what the sine must be.
-        ("segway_kkt", "a sine", "np.cos(th): cos should be sin"),
-        ("kapitza_solve_ivp", "I/r² forgotten", "c * omega must be divided by m and l**2"),
+        ("segway_kkt", "om**2 * np.sin", "om**2 * np.cos", "np.cos(th): cos should be sin"),
+        ("segway_kkt", "mb * l * om**2", "om**2", "om**2 * np.sin(th) lacks the factor mb * l"),
+        ("cartpole_matrix", "-C @ qd - G", "-G", "G lacks the term + C @ qd"),
     ],
 )
-def test_what_a_mistake_by_hand_should_be(name: str, mistake: str, words: str) -> None:
+def test_what_one_expression_should_be(name: str, old: str, new: str, words: str) -> None:
     case = next(c for c in CASES if c.name == name)
     source = read_source(case.target)
-    old, new = next((o, n) for w, o, n in MISTAKES[name] if w == mistake)
-    source = source.replaced(source.text.replace(old, new, 1))
-    found = repair_source(source, Target(*case.load()))
+    text = source.text.replace(old, new, 1)
+    assert text != source.text
+    found = repair_source(source.replaced(text), Target(*case.load()))
     assert found.fixes[0].words == (words,) and found.fixes[0].ran and found.certain
 
 

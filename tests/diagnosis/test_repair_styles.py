@@ -10,7 +10,7 @@ import pytest
 
 from deltac.errors import InputError
 from deltac.repair.tracing.source import Source, read_source
-from deltac.repair.tracing.tracer import branches, trace
+from deltac.repair.tracing.tracer import branches
 
 STYLES = {
     "class __call__": """
@@ -374,5 +374,5 @@ def test_what_others_use_too_is_not_changed(statement: str, tmp_path: Path) -> N
         f"import numpy as np\ndef rhs(t, q, u):\n    {statement}\n    return -q\n", "utf-8"
     )
     with pytest.raises(InputError):
-        trace(read_source(f"{path}:rhs"), np.zeros(2), np.ones((1, 2)), np.ones((1, 2)))
+        branches(read_source(f"{path}:rhs"), np.zeros(2), np.ones((1, 2)), np.ones((1, 2)))
     assert (np.zeros, dict(vars(np.linalg.solve))) == before

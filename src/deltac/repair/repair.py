@@ -256,8 +256,8 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
         return _report(program, target, right, start, deadline)
     right, suspected = _search(program, target, deadline)
     # Zeros of a control that is none may make room for an index; q̇ would tell that the form is right.
-    read_form = program.source.form or PLAIN_FORM
-    padded = read_form.controls > 0 and bool(program.source.outside_range)
+    controls = (program.source.form or PLAIN_FORM).controls
+    padded = controls > 0 and bool(program.source.outside_range)
     coincidence = padded and not program.worst.trace.rates
     if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.

@@ -26,6 +26,7 @@ from deltac.simulation.state_form import StateForm as StateForm
 from deltac.simulation.state_form import candidate_forms as candidate_forms
 from deltac.simulation.state_form import declared_order as declared_order
 from deltac.simulation.state_form import likeliest as likeliest
+from deltac.simulation.state_form import signature as signature
 from deltac.simulation.state_form import state_names as state_names
 from deltac.simulation.state_form import usual_orders as usual_orders
 from deltac.simulation.step_size.energy_error import EnergyErrorWarning as EnergyErrorWarning

@@ -128,11 +128,14 @@ class Vocabulary:
         """Products of three atoms that equal `value` (B,); or of two, or quotients, that times `node` do."""
         state, constant = self.atoms(requirement)
         degree, weight = (3, requirement.weight) if node is None else (2, requirement.weight * node)
-        sides = (
-            (state, self.table(state, degree, node is not None).times(weight)),
-            (constant, self.table(constant, degree, True)),
-        )
-        return products(requirement.weight * value, self.program.samples.group, *sides)
+        terms = self.table(state, degree, node is not None).times(weight)
+        constants, group = self.table(constant, degree, True), self.program.samples.group
+        matches = [
+            _product(number, powers, state, others, constant)
+            for powers, coefficient in _coefficients(requirement.weight * value, group, terms)
+            for number, others in _numbers(coefficient, constants)
+        ]
+        return sorted(matches, key=_plainness)[:SHOWN]
 
     def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> TermTable:
         """`powers_of`, kept; of three at a time, the first `triple` at most."""
@@ -229,8 +232,10 @@ def sums(
     for missing in (True, False):
         old = requirement.value * missing
         value, but = ((requirement.required - old) * weight, -old * weight)
-        of_constants = products_of_two_constants(value, group, *sides)
-        for p, q in [*of_constants, *two_products(value, group, *sides, but)]:
+        matches = products_of_two_constants(value, group, *sides)
+        matches += two_products(value, group, *sides, but)
+        matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
+        for p, q in matches[:SHOWN]:
             p, q = (p, q) if p.number > 0 else (q, p)
             both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
             new: ast.expr | str = both
@@ -358,7 +363,8 @@ class TermTable:
 
     def times(self, weight: Array) -> TermTable:
         """The products times a number (B,)."""
-        return replace(self, values=self.values * weight)
+        with np.errstate(all="ignore"):
+            return replace(self, values=self.values * weight)
 
     def powers(self, k: int) -> Powers:
         """Which atoms the product k is of."""
@@ -404,22 +410,6 @@ def _triples(count: int) -> NDArray[np.intp]:
     return np.array(triples, dtype=np.intp).reshape(-1, 3)
 
 
-def products(
-    value: Array,
-    group: NDArray[np.intp],
-    state: tuple[Atoms, TermTable],
-    constant: tuple[Atoms, TermTable],
-) -> list[Product]:
-    """Products that equal `value` (B,), the simplest first."""
-    matches = [
-        _product(number, powers, state[0], others, constant[0])
-        for powers, coefficient in _coefficients(value, group, state[1])
-        for number, others in _numbers(coefficient, constant[1])
-    ]
-    matches.sort(key=_plainness)
-    return matches[:SHOWN]
-
-
 def _coefficients(
     value: Array, group: NDArray[np.intp], state: TermTable
 ) -> Iterator[tuple[Powers, Array]]:
@@ -463,8 +453,7 @@ def products_of_two_constants(
                     for number, k in zip(map(_signed, places, shares), (i, j))
                 )
                 matches.append((first, second))
-    matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return matches[:SHOWN]
+    return matches
 
 
 def two_products(
@@ -474,7 +463,7 @@ def two_products(
     constant: tuple[Atoms, TermTable],
     but: Array,
 ) -> list[tuple[Product, Product]]:
-    """Pairs of products whose sum equals `value` (B,), the simplest first; none of them equal to `but` (B,).
+    """Pairs of products whose sum equals `value` (B,), none of them equal to `but` (B,).
 
     A term that takes off what stands there is no missing one: the other stands in its place. By least squares
     over the states of the first set of parameters, for all pairs at once from the Gram
@@ -521,8 +510,7 @@ def two_products(
         )
         if first and second:
             matches.append((min(first, key=_plainness), min(second, key=_plainness)))
-    matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return matches[:SHOWN]
+    return matches
 
 
 def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Powers]]:

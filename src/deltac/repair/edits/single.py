@@ -126,12 +126,20 @@ def additions(source: Source, place: int, names: Names) -> Edits:
             divided = f"{own} must be divided by {text}"
             yield edit(product(node, factor, True), "factor", 1.6, divided)
     if outer not in (ast.Add, ast.Sub):
-        arrays = [text for text, other in names.arrays(place).items() if other == shape]
-        for text in arrays if shape else names.numbers(place):
-            for subtract, sign in ((False, "+"), (True, "−")):
-                new = total(node, variable(text), subtract)
-                cost = 1.5 if shape else 1.75
-                yield edit(new, "term", cost, f"{own} lacks the term {sign} {text}")
+        arrays = names.arrays(place)
+        texts = (
+            [t for t, other in arrays.items() if other == shape] if shape else names.numbers(place)
+        )
+        terms: list[ast.expr] = [variable(text) for text in texts]
+        if shape and len(shape) == 1:
+            terms += [
+                ast.BinOp(variable(matrix), ast.MatMult(), variable(vector))
+                for (matrix, size), (vector, other) in itertools.product(arrays.items(), repeat=2)
+                if size == (*shape, *other)
+            ]
+        for term, (subtract, sign) in itertools.product(terms, ((False, "+"), (True, "−"))):
+            words = f"{own} lacks the term {sign} {ast.unparse(term)}"
+            yield edit(total(node, term, subtract), "term", 1.5 if shape else 1.75, words)
 
 
 # --- expressions ----------------------------------------------------------------------------------
@@ -251,7 +259,7 @@ def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
 def _applied(source: Source, place: int, node: ast.expr) -> Edits:
     """A sine, a cosine, a root, or another unit of what is there."""
     functions = functions_used(source)
-    for name in ("sin", "cos", "sqrt", "radians", "degrees") if functions else ():
+    for name in ("sin", "cos", "tan", "sqrt", "radians", "degrees") if functions else ():
         like = ast.parse(functions.get(name) or next(iter(functions.values())), mode="eval").body
         callee = variable(functions[name]) if name in functions else _callee(source, like, name)
         if callee is not None:

@@ -26,7 +26,7 @@ from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.edits.running import RUN_TIME
 from deltac.repair.mutate.operators import MUTANT_KINDS, Mutant, mutants
-from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
+from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
 from deltac.results import SHOWN, Report, Section, Serialisable, Table
@@ -226,6 +226,19 @@ def mutants_of(program: ProgramReading, names: int, seed: int) -> list[Mutant]:
     if definition is not None and "." not in source.qualified and alone:
         return mutants(source.text, definition.name, names, seed)
     return mutants(source.text, "", names, seed, read=spans(program))
+
+
+def spans(reading: ProgramReading) -> set[tuple[int, int, int, int]]:
+    """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
+    places = set()
+    for piece in reading.pieces:
+        for place in piece.trace.instances:
+            node = piece.source.nodes[place]
+            if isinstance(node, ast.expr):
+                places.add(
+                    (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+                )
+    return places
 
 
 def _with_suite(

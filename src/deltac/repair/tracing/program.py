@@ -17,7 +17,7 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
-from deltac.repair.tracing.tracer import IndexOutOfRange, Instance, Trace, branches, form_of
+from deltac.repair.tracing.tracer import IndexOutOfRange, Instance, Trace, branches, signature_of
 from deltac.simulation import StateForm, candidate_forms, likeliest
 
 PLAIN_COUNTS = 12
@@ -256,7 +256,7 @@ def formed(source: Source, target: Target) -> Source:
     """
     if source.form is not None:
         return source
-    parameters, test = form_of(source), target.test()
+    parameters, test = signature_of(source), target.test()
     names = test.kane.user_names, test.states.speeds
     candidates = candidate_forms(parameters, *source.declared, *names, len(target.mechanism.motors))
     samples = target.samples()
@@ -279,9 +279,10 @@ def formed(source: Source, target: Target) -> Source:
     if form is None:
         if failures:
             raise failures[0]
+        arguments = ", ".join(parameters[0]) if parameters else "*arguments"
         raise SourceError(
-            f"{source.name}: {source.qualified} takes the arguments ({', '.join(parameters[0])}); expected a "
-            "function of (t, q, u), of (t, y) or of (y, t)"
+            f"{source.name}: {source.qualified} takes the arguments ({arguments}); expected a function of "
+            "(t, q, u), of (t, y) or of (y, t)"
         )
     lines = frozenset(f.line for f in failures if isinstance(f, IndexOutOfRange))
     return replace(source, form=form, outside_range=lines)
@@ -355,19 +356,6 @@ def at(
             if meant in varied
         },
     )
-
-
-def spans(reading: ProgramReading) -> set[tuple[int, int, int, int]]:
-    """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
-    places = set()
-    for piece in reading.pieces:
-        for place in piece.trace.instances:
-            node = piece.source.nodes[place]
-            if isinstance(node, ast.expr):
-                places.add(
-                    (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
-                )
-    return places
 
 
 def moved(source: Source, samples: StateSamples, factor: Callable[[str], float]) -> Array:

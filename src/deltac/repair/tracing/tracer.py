@@ -42,7 +42,7 @@ from deltac.repair.tracing.tape import (
     TapeError,
     identity,
 )
-from deltac.simulation import PLAIN_FORM
+from deltac.simulation import PLAIN_FORM, signature
 
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""
@@ -130,24 +130,13 @@ class Trace:
     scope: dict[str, Any] = field(default_factory=dict)
 
 
-def trace(source: Source, t: Array, q: Array, u: Array, override: Override | None = None) -> Trace:
-    """Run the function on a tape at states t (B,), q (nq, B), u (nu, B) that all take the same branches.
-
-    Raises:
-        InputError: it does what cannot be traced, or returns something else than nu numbers.
-    """
-    try:
-        return _Tracer(source, override or {}).run(t, q, u)
-    except TapeBranch:
-        raise TracingRefused(f"{source.name}: a branch that depends on the state") from None
-
-
 def branches(
     source: Source, t: Array, q: Array, u: Array, override: Override | None = None
 ) -> list[tuple[NDArray[np.intp], Trace]]:
     """The function on a tape for each way through its branches, with the states that take it.
 
-    Raises InputError as `trace` does, and for too many ways.
+    Raises InputError for what cannot be traced, for too many ways, and for results that are neither u̇ nor
+    the rates of the whole state.
     """
     override = override or {}
     open_sets = [np.arange(len(t))]
@@ -169,17 +158,13 @@ def branches(
     return sorted(traces, key=lambda part: -len(part[0]))
 
 
-def form_of(source: Source) -> tuple[tuple[str, ...], int]:
-    """Names of the positional arguments of the function, and how many it needs.
+def signature_of(source: Source) -> tuple[tuple[str, ...], int] | None:
+    """The `signature` of the function.
 
     Raises InputError for what is no function.
     """
     tracer = _Tracer(source, {})
-    parameters = inspect.signature(tracer.guarded(tracer.callee)).parameters.values()
-    arguments = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if not arguments and any(p.kind is p.VAR_POSITIONAL for p in parameters):
-        return ("t", "q", "u"), 3
-    return tuple(p.name for p in arguments), sum(p.default is p.empty for p in arguments)
+    return signature(tracer.guarded(tracer.callee))
 
 
 def fields_of(value: Any) -> dict[str, Any]:

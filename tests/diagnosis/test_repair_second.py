@@ -240,6 +240,8 @@ def test_two_terms_of_one_sine_are_missing() -> None:
         # The term's weight is ω²: where ω is small, rounding decides what the sine must be.
         ("segway_kkt", "om**2 * np.sin", "om**2 * np.cos", "np.cos(th): cos should be sin"),
         ("segway_kkt", "mb * l * om**2", "om**2", "om**2 * np.sin(th) lacks the factor mb * l"),
+        ("masses_matrices", "-np.linalg.inv(M) @ C", "-C", "C lacks the factor np.linalg.inv(M)"),
+        ("masses_matrices", "[-np.linalg.inv(M) @", "[-M @", "M should be inverted"),
         ("cartpole_matrix", "-C @ qd - G", "-G", "G lacks the term + C @ qd"),
     ],
 )

@@ -118,19 +118,16 @@ def additions(source: Source, place: int, names: Names) -> Edits:
     edit = partial(EditCandidate, source, place)
     parent = source.nodes[source.parent[place]]
     outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
-    own, shape = short(source.segment(node)), names.shape(place)
+    own, shape, arrays = short(source.segment(node)), names.shape(place), names.arrays(place)
+    alike = [text for text, other in arrays.items() if other == shape]
     if outer not in (ast.Mult, ast.Div, ast.Pow):
-        for text in names.numbers(place):
+        for text in [*names.numbers(place), *alike]:
             factor = variable(text)
             yield edit(product(node, factor), "factor", 1.6, f"{own} lacks the factor {text}")
             divided = f"{own} must be divided by {text}"
             yield edit(product(node, factor, True), "factor", 1.6, divided)
     if outer not in (ast.Add, ast.Sub):
-        arrays = names.arrays(place)
-        texts = (
-            [t for t, other in arrays.items() if other == shape] if shape else names.numbers(place)
-        )
-        terms: list[ast.expr] = [variable(text) for text in texts]
+        terms: list[ast.expr] = [variable(t) for t in (alike if shape else names.numbers(place))]
         if shape and len(shape) == 1:
             terms += [
                 ast.BinOp(variable(matrix), ast.MatMult(), variable(vector))
@@ -296,13 +293,12 @@ def _arrays(source: Source, place: int, node: ast.expr, names: Names) -> Edits:
         yield edit(transposed, "order", 1.0, f"{own} should be transposed")
     if len(shape) == 2 and shape[0] == shape[1] and inverse is not None:
         yield edit(ast.Call(inverse, [node], []), "function", 1.4, f"{own} should be inverted")
-    if len(shape) == 1:
-        for text, other in names.arrays(place).items():
-            if other == (*shape, *shape):
-                inverted = [] if inverse is None else [ast.Call(inverse, [variable(text)], [])]
-                for matrix in (variable(text), *inverted):
-                    words = f"{own} lacks the factor {ast.unparse(matrix)}"
-                    yield edit(ast.BinOp(matrix, ast.MatMult(), node), "factor", 1.35, words)
+    for text, other in names.arrays(place).items():
+        if other == (shape[0], shape[0]):
+            inverted = [] if inverse is None else [ast.Call(inverse, [variable(text)], [])]
+            for matrix in (variable(text), *inverted):
+                words = f"{own} lacks the factor {ast.unparse(matrix)}"
+                yield edit(ast.BinOp(matrix, ast.MatMult(), node), "factor", 1.35, words)
 
 
 def _inverse(source: Source) -> ast.expr | None:

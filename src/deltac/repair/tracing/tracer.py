@@ -708,8 +708,9 @@ class _Hooks:
 
             def copy() -> Any:
                 read = np.empty_like(value)
-                for k in np.ndindex(value.shape):
-                    read[k] = tape.record(identity, value[k])
+                slots = [tape.slot(x) for x in value.flat]  # numbers first: any entry may need them
+                for k, slot in zip(np.ndindex(value.shape), slots):
+                    read[k] = tape.record(identity, slot)
                 return read
 
             return self.noted(place, copy)

@@ -242,6 +242,8 @@ def test_two_terms_of_one_sine_are_missing() -> None:
         ("segway_kkt", "mb * l * om**2", "om**2", "om**2 * np.sin(th) lacks the factor mb * l"),
         ("masses_matrices", "-np.linalg.inv(M) @ C", "-C", "C lacks the factor np.linalg.inv(M)"),
         ("masses_matrices", "[-np.linalg.inv(M) @", "[-M @", "M should be inverted"),
+        ("masses_loop", "F / m", "F - m", "F - m: - should be /"),
+        ("scara_closure", "m2 * (l1**2 + c2**2)", "m2", "m2 should be m2 * l1**2 + m2 * c2**2"),
         ("cartpole_matrix", "-C @ qd - G", "-G", "G lacks the term + C @ qd"),
     ],
 )

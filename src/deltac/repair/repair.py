@@ -61,7 +61,7 @@ MORE = MOST_VALIDATED // 3
 """Edits that are tried for other ways when a repair is found."""
 
 TWO = 2.5
-"""A single edit that costs more than this is compared with pairs of plain edits."""
+"""A single edit that costs more than this is compared with pairs of plain edits; of a pair it is in doubt."""
 
 BRANCHES = math.isqrt(MOST_VALIDATED)
 """Edits of one branch that are combined with those of another: no more pairs are tried."""
@@ -369,7 +369,8 @@ def _report(
         and len(set(formulas)) == 1
         and not coincidence
         and (varied or _about_the_state(program, right))
-        and not _odd_number(right[0][0]),
+        and not _odd_number(right[0][0])
+        and (len(right[0][0]) == 1 or max(e.cost for e in right[0][0]) <= TWO),
         varied=reading.varied,
         suspects=tuple(suspected),
         complete=time.monotonic() <= deadline,

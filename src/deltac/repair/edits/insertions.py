@@ -366,6 +366,11 @@ class TermTable:
         with np.errstate(all="ignore"):
             return replace(self, values=self.values * weight)
 
+    def among(self, atoms: int) -> NDArray[np.intp]:
+        """The products of the first atoms alone."""
+        alone = [(indices < atoms).all(axis=1) for indices, _ in self.blocks]
+        return np.flatnonzero(np.concatenate(alone))
+
     def powers(self, k: int) -> Powers:
         """Which atoms the product k is of."""
         for indices, powers in self.blocks:
@@ -434,10 +439,10 @@ def products_of_two_constants(
 
     Two sets of the constants' values give both numbers, the others test them.
     """
-    if group[-1] < 2 or len(constant[1].values) > MOST_SUMMED:
+    named = constant[1].among(constant[0].names)
+    if group[-1] < 2 or len(named) > MOST_SUMMED:
         return []
-    C = constant[1].values
-    matches = []
+    C, matches = constant[1].values[named], []
     for powers, coefficient in _coefficients(value, group, state[1]):
         with np.errstate(all="ignore"):
             minor = coefficient[0] * C[:, 1] - coefficient[1] * C[:, 0]
@@ -449,7 +454,9 @@ def products_of_two_constants(
             places, near = _plain_factors(shares)
             if near.all():
                 first, second = (
-                    _product(number, powers, state[0], constant[1].powers(int(k)), constant[0])
+                    _product(
+                        number, powers, state[0], constant[1].powers(int(named[k])), constant[0]
+                    )
                     for number, k in zip(map(_signed, places, shares), (i, j))
                 )
                 matches.append((first, second))

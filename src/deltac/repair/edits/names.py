@@ -257,6 +257,8 @@ class TracedNames:
             case ast.Name(id=text) if place is None:
                 numbers, arrays = self.scope(instance)
                 return numbers[text] if text in numbers else arrays[text]
+            case ast.Name(id=text):  # a list, which acts as an array beside one
+                return {**program.trace.scope, **instance.scope}[text]
             case ast.BinOp():
                 return OPERATORS[type(tree.op).__name__](value(tree.left), value(tree.right))
             case ast.UnaryOp():

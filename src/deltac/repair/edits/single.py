@@ -256,7 +256,7 @@ def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
 def _applied(source: Source, place: int, node: ast.expr) -> Edits:
     """A sine, a cosine, a root, or another unit of what is there."""
     functions = functions_used(source)
-    for name in ("sin", "cos", "tan", "sqrt", "radians", "degrees") if functions else ():
+    for name in ("sin", "cos", "tan", "tanh", "sqrt", "radians", "degrees") if functions else ():
         like = ast.parse(functions.get(name) or next(iter(functions.values())), mode="eval").body
         callee = variable(functions[name]) if name in functions else _callee(source, like, name)
         if callee is not None:

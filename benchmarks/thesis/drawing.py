@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.calls.progress import Progress
+from deltac.errors import FileError
 from deltac.problems.triple_pendulum import LENGTHS, START
-from deltac.report.files import output_folder, write_figure, write_json
+from deltac.report.files import write_figure, write_json
 from thesis.experiments import PublishedExperiment
 from thesis.figures import (
     Curve,
@@ -34,6 +36,17 @@ class Written:
 
     figures: tuple[Path, ...]
     results: Path
+
+
+def output_folder(path: Path) -> Path:
+    """Make a folder for results; InputError if it cannot be made or written to."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(f"{path} cannot be a folder for results: {error.strerror}") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise FileError(f"the folder {path} cannot be written to; choose another one")
+    return path
 
 
 def write(

@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import thesis
 from deltac.cli.output import print_sections, progress_bar
 from deltac.errors import InputError
-from deltac.report.files import output_folder
+from thesis.drawing import output_folder
 
 
 def main() -> int:

@@ -16,7 +16,6 @@ import polars as pl
 import pytest
 
 import deltac as dc
-from deltac.fleets.rows import MEASURED
 from deltac.fleets.store import Store
 
 pytestmark = [
@@ -36,7 +35,7 @@ q.joint1 = { from = 0.1, to = 0.5, count = 20 }
 
 
 def compared(frame: pl.DataFrame) -> pl.DataFrame:
-    return frame.drop(MEASURED)
+    return frame.drop("seconds")
 
 
 @pytest.fixture(scope="module")

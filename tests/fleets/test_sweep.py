@@ -16,7 +16,6 @@ import pytest
 
 import deltac as dc
 from deltac.errors import FileError, InputError
-from deltac.fleets.rows import MEASURED
 from deltac.fleets.store import Store
 from tests.support.commands import command
 
@@ -35,7 +34,7 @@ PLAN: dict[str, Any] = {
 
 
 def compared(frame: pl.DataFrame) -> pl.DataFrame:
-    return frame.drop(MEASURED)
+    return frame.drop("seconds")
 
 
 @pytest.fixture(scope="module")

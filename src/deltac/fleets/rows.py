@@ -40,10 +40,6 @@ def is_point(column: str) -> bool:
     return column in POINT or bool(dot) and group in ("parameter", "q", "u")
 
 
-MEASURED = ("seconds",)
-"""Columns that differ between two runs of the same work."""
-
-
 @dataclass(frozen=True, eq=False)
 class Piece:
     """A piece of work: a picklable call that finds what some rows of the table hold.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePath
@@ -14,17 +13,6 @@ from deltac.foreign.files import appearing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def output_folder(path: Path) -> Path:
-    """Make a folder for results; InputError if it cannot be made or written to."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{path} cannot be a folder for results: {error.strerror}") from error
-    if not os.access(path, os.W_OK | os.X_OK):
-        raise FileError(f"the folder {path} cannot be written to; choose another one")
-    return path
 
 
 FIGURE_FORMATS = ("pdf", "svg", "png")

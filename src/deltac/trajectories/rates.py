@@ -16,6 +16,7 @@ import numpy as np
 
 from deltac.errors import LogError
 from deltac.trajectories.columns import MechanismNames, RateNames, speeds_of
+from deltac.trajectories.splines import smooth_rates
 from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
 
 GAP = 5.0
@@ -123,15 +124,11 @@ def _speeds(t: FloatArray, q: FloatArray, kinematics: RateNames, count: int) -> 
 
 
 def _rate(t: FloatArray, values: FloatArray) -> FloatArray:
-    from scipy.interpolate import make_interp_spline
-
     if not values.shape[1]:
         return np.zeros_like(values)
-    degree = min(5, len(t) - 1)
-    degree -= 1 - degree % 2
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            rates: FloatArray = make_interp_spline(t, values, k=degree).derivative()(t)
+            rates = smooth_rates(t, values)
     except np.linalg.LinAlgError:
         rates = np.full_like(values, np.nan)
     if not np.isfinite(rates).all():

@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from deltac.arrays import ROUGHLY, SAME, Array, medians
 from deltac.diagnosis.measurements.digits import Chosen, digits_of
-from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
 from deltac.trajectories.lint import LOOKED_AT, NEIGHBOURS, gap_rows
 from deltac.trajectories.rates import continuous, rotation_vectors
+from deltac.trajectories.splines import spline_integrals
 
 Mask: TypeAlias = NDArray[np.bool_]
 

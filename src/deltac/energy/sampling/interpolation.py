@@ -17,6 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
+from deltac.trajectories.splines import gauss_legendre
 
 Block: TypeAlias = tuple[int, int, int]
 """(start, stop, first): intervals start to stop, the window of interval k starts at first + k − start."""
@@ -72,17 +73,6 @@ def lagrange_kernel(window: int) -> Kernel:
         0.5 * g * ca.substitute(l, x, ca.SX(0.5 * (1 + point))) for point, g in zip(points, gauss)
     )
     return Kernel({"z": z, "width": width}, {"weights": weights * width}, name="quadrature")
-
-
-def gauss_legendre(count: int) -> tuple[Array, Array]:
-    """Nodes on (−1, 1) and weights of Gauss's rule with so many points.
-
-    They are the eigenvalues of the Jacobi matrix of Legendre's polynomials, and twice the squares of its
-    eigenvectors' first components (Golub and Welsch, 1969). NumPy's own loads all of `numpy.polynomial`.
-    """
-    k = np.arange(1.0, count)
-    nodes, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1.0), -1))
-    return nodes, 2.0 * vectors[0] ** 2
 
 
 def _lagrange(z: SX, x: SX) -> tuple[SX, SX]:

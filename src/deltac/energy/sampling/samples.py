@@ -11,9 +11,9 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import clock, equidistant
-from deltac.energy.sampling.splines import spline_rates
 from deltac.kernels.kernel import BLOCK_STATES
 from deltac.kernels.parallel import spread
+from deltac.trajectories.splines import smooth_rates
 
 Powers: TypeAlias = Callable[[Array, "Between"], Array]
 """(times, between) -> (rows, m)."""
@@ -110,10 +110,8 @@ class Samples:
 
 
 def spline_rate(t: Array, y: Array) -> Array:
-    """Rates (T, n) of a spline through the values `y` (T, n), of degree 5 where there are enough."""
-    degree = min(5, len(t) - 1)
-    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
-    return spline_rates(clock(t), y, max(1, degree))
+    """Rates (T, n) of a spline through the values `y` (T, n) at sample times."""
+    return smooth_rates(clock(t), y)
 
 
 def row_blocks(count: int) -> list[slice]:

@@ -72,9 +72,6 @@ _WRITTEN_OUT: dict[str, Tableau] = {
     ),
 }
 
-TABLEAU_METHODS = (*_WRITTEN_OUT, "ode8")
-"""The names of the methods that have a tableau."""
-
 
 @cache
 def tableau_of(name: str) -> Tableau | None:

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from deltac.arrays import LONG_LOG, Array
-from deltac.energy.sampling.interpolation import gauss_legendre
 
 T = TypeVar("T")
 
@@ -36,10 +35,28 @@ def spline_rates(t: Array, x: Array, degree: int) -> Array:
     return _applied(_rates, t, x, degree)
 
 
+def smooth_rates(t: Array, x: Array) -> Array:
+    """dx/dt at the times (T, n) of columns (T, n), by a spline of degree 5 where there are enough of them."""
+    degree = min(5, len(t) - 1)
+    degree -= 1 - degree % 2  # odd degrees interpolate at the samples themselves
+    return spline_rates(t, x, max(1, degree))
+
+
 def _applied(operator: Any, t: Array, x: Array, degree: int) -> Array:
     times = np.ascontiguousarray(t, dtype=np.float64).tobytes()
     coefficients, matrix = _coefficients(len(t))(times, degree), operator(len(t))(times, degree)
     return np.asarray(matrix @ coefficients(np.asarray_chkfinite(x)))
+
+
+def gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Nodes on (−1, 1) and weights of Gauss's rule with so many points.
+
+    They are the eigenvalues of the Jacobi matrix of Legendre's polynomials, and twice the squares of its
+    eigenvectors' first components (Golub and Welsch, 1969). NumPy's own loads all of `numpy.polynomial`.
+    """
+    k = np.arange(1.0, count)
+    nodes, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1.0), -1))
+    return nodes, 2.0 * vectors[0] ** 2
 
 
 def _remembered(find: Callable[[bytes, int], T]) -> Callable[[int], Callable[[bytes, int], T]]:

@@ -7,8 +7,8 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from deltac.arrays import EPS, Array
-from deltac.energy.sampling import splines
-from deltac.energy.sampling.splines import spline_integrals, spline_rates
+from deltac.trajectories import splines
+from deltac.trajectories.splines import spline_integrals, spline_rates
 
 RNG = np.random.default_rng(1)
 TIMES = {

@@ -449,17 +449,15 @@ def products_of_two_constants(
             a = minor / (np.outer(C[:, 0], C[:, 1]) - np.outer(C[:, 1], C[:, 0]))
             sums = a[..., None] * C[:, None, 2:] + a.T[..., None] * C[None, :, 2:]
             fits = np.abs(sums - coefficient[2:]) <= HALF_DIGITS * np.abs(coefficient[2:])
-        for i, j in np.argwhere(np.triu(fits.all(axis=2), 1)):
-            shares = a[[i, j], [j, i]]
-            places, near = _plain_factors(shares)
-            if near.all():
-                first, second = (
-                    _product(
-                        number, powers, state[0], constant[1].powers(int(named[k])), constant[0]
-                    )
-                    for number, k in zip(map(_signed, places, shares), (i, j))
-                )
-                matches.append((first, second))
+        pairs = np.nonzero(np.triu(fits.all(axis=2), 1))
+        shares, rows = np.array([a[pairs], a.T[pairs]]), named[np.array(pairs)]
+        places, near = _plain_factors(shares)
+        for n in np.flatnonzero(near.all(axis=0)):
+            first, second = (
+                _product(number, powers, state[0], constant[1].powers(int(row)), constant[0])
+                for number, row in zip(map(_signed, places[:, n], shares[:, n]), rows[:, n])
+            )
+            matches.append((first, second))
     return matches
 
 

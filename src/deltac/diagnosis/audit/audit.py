@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, ROUGHLY, SAME, SMALL_SHARE, Array
+from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -669,9 +669,9 @@ def _inferred(
         or inference.excess > KNOWN
         or (inference.finds_something and not inference.closes)
     ):
-        through = unfiltered(model, rows, (begun.kernels,)) if asked else None
-        if through is None and not shifted:
-            through = _realigned(mechanism, rows, begun, True)
+        through = None if shifted else _realigned(mechanism, rows, begun, True)
+        if through is None and asked:
+            through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
         return inference, None
     before, told = through
@@ -686,18 +686,19 @@ def _realigned(
     With what that says; None if forces of no other rows do better.
     """
     left = begun.left_by_shifts(beside_causes)
-    most = SHARE_OF_SHIFT * left.get(0, 0.0)
-    for late in sorted((m for m in left if m and left[m] < most), key=lambda m: left[m])[:2]:
-        shifted = _shifted(run, late)
-        again = closed(mechanism, shifted)
+    late = min(left, key=lambda m: left[m], default=0)
+    if not late or left[late] > SHARE_OF_SHIFT * left[0]:
+        return None
+    shifted = _shifted(run, late)
+    again: Inference | Unclosed | None = closed(mechanism, shifted)
+    if isinstance(again, Unclosed) and beside_causes:
+        again = again.with_causes()
+        right = again is not None and again.closes and not again.late
+    elif isinstance(again, Unclosed):  # by numbers of causes that are none, as noise has
+        right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN
+    else:
         right = again is not None
-        if isinstance(again, Unclosed):
-            # Causes are not linear in their size: what is left of them is little beside the forces.
-            known = max(KNOWN, SMALL_SHARE * left[0] if beside_causes else 0.0)
-            right = again.left_by_shifts(beside_causes).get(0, np.inf) <= known
-        if right:
-            return shifted, _told_late(run, late)
-    return None
+    return (shifted, _told_late(run, late)) if right else None
 
 
 SHARE_OF_SHIFT = 0.1

@@ -182,6 +182,7 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
     point = replace(point, accelerations=measured or point.accelerations)
     promising: Map | None = None
     near: tuple[Integrator, ...] = ()
+    price = float(np.log(len({method.name for method in INTEGRATORS})))
     for every in (point.maps, maps_by_parts(at, series, posterior.best)):
         ends = list(every)
         methods = closest(at, [(of, point.log) for of in ends])
@@ -194,12 +195,12 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
         if methods.may_close(series, posterior.best):
             alike, rows, other = best_of(at, methods, before, measured and measured[1])
             gain = log_evidence(rows, other.best, series, posterior.best)
-            if gain - np.log(len(INTEGRATORS)) <= CERTAIN and not measured:
+            if gain - price <= CERTAIN and not measured:
                 # Causes must be likelier than a method without any, beside whichever integrator they are.
                 other = Posterior(nothing(len(point.coefficients)), (), other.scores)
                 doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
                 gain = np.inf if posterior.best.chosen and doubt else gain
-            if gain - np.log(len(INTEGRATORS)) > CERTAIN:
+            if gain - price > CERTAIN:
                 own = HypothesisComparison(
                     at, point, other, series, rows, tuple(alike), promising, near
                 )

@@ -16,7 +16,7 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.filters import unfiltered
+from deltac.diagnosis.audit.filters import realigned, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -657,72 +657,24 @@ def _inferred(
     shifted = "late-forces" in known
     model, inference = LogModel(mechanism, rows), None
     # What closes rows without a cause is asked first.
-    through = None if shifted else _realigned(mechanism, rows, begun, False)
+    through = None if shifted else realigned(mechanism, rows, begun, False)
     if through is None and asked:
         through = unfiltered(model, rows)
     if through is None:
         inference = begun.with_causes(limit, lacking)
-    # Beside a mistake a filter may not be seen, or forces of other rows; beside all causes they are. What is
-    # late may be either, and the former is more.
+    # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
     if inference is not None and (
         inference.late
         or inference.excess > KNOWN
         or (inference.finds_something and not inference.closes)
     ):
-        through = None if shifted else _realigned(mechanism, rows, begun, True)
+        through = None if shifted else realigned(mechanism, rows, begun, True)
         if through is None and asked:
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
         return inference, None
     before, told = through
     return None, balanced(mechanism, before, reference.work, (*log.findings, told))
-
-
-def _realigned(
-    mechanism: Mechanism, run: Trajectory, begun: Unclosed, beside_causes: bool
-) -> tuple[Trajectory, Finding] | None:
-    """A run with the forces of other rows if these follow from each other then, perhaps beside causes.
-
-    With what that says; None if forces of no other rows do better.
-    """
-    left = begun.left_by_shifts(beside_causes)
-    late = min(left, key=lambda m: left[m], default=0)
-    if not late or left[late] > SHARE_OF_SHIFT * left[0]:
-        return None
-    shifted = _shifted(run, late)
-    again: Inference | Unclosed | None = closed(mechanism, shifted)
-    if isinstance(again, Unclosed) and beside_causes:
-        again = again.with_causes()
-        right = again is not None and again.closes and not again.late
-    elif isinstance(again, Unclosed):  # by numbers of causes that are none, as noise has
-        right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN
-    else:
-        right = again is not None
-    return (shifted, _told_late(run, late)) if right else None
-
-
-SHARE_OF_SHIFT = 0.1
-"""Share of the squares of prediction errors of a log that forces of other rows may leave to be looked at."""
-
-
-def _shifted(run: Trajectory, late: int) -> Trajectory:
-    """A run with forces as many rows later."""
-    count, first = len(run) - abs(late), max(late, 0)
-    forces = {n: f[first - late : first - late + count] for n, f in run.forces.items()}
-    some = run.take(slice(first, first + count))
-    return replace(some, forces=forces, stages=None, integrals={}, works={})
-
-
-def _told_late(run: Trajectory, late: int) -> Finding:
-    rows = f"{abs(late)} row{'s' if abs(late) > 1 else ''}"
-    return Finding(
-        "late-forces",
-        f"forces act {rows} {'later' if late > 0 else 'earlier'} than they were logged",
-        "by the forces of those rows these follow from each other",
-        "Log each force beside the state from which it acts; it is what is judged",
-        "note",
-        factor=late * float(np.median(np.diff(run.t))),
-    )
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

@@ -1,4 +1,4 @@
-"""Logs of a low-pass filter: what went into it, recovered as the filter made its output.
+"""Logs behind a low-pass filter, and logs whose forces are some rows early or late.
 
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
@@ -27,7 +27,7 @@ from scipy.linalg import qr
 from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.forces import impulse
-from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS
+from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS, Unclosed, closed
 from deltac.diagnosis.inference.integrators import (
     EXACT,
     INTEGRATORS,
@@ -38,6 +38,7 @@ from deltac.diagnosis.inference.integrators import (
 )
 from deltac.diagnosis.inference.linearisation import (
     COLUMNS_OF_THE_LOG,
+    NO_MOTION,
     RELINEARISATIONS,
     Flow,
     FlowError,
@@ -48,12 +49,13 @@ from deltac.diagnosis.inference.linearisation import (
 from deltac.diagnosis.inference.methods import SQUARES
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import Observations, observations
-from deltac.diagnosis.inference.result import KNOWN
+from deltac.diagnosis.inference.result import KNOWN, Inference
 from deltac.diagnosis.inference.whitening import inverse_sizes
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.kernels.rows import compiled_rows
+from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 
@@ -269,7 +271,7 @@ class _FilteredRows:
                 LowPass((0.0,) * order, trapezoid, both_ways, forces)
                 for both_ways, forces in product(ways, kinds if self.run.forces else (False,))
             ]
-            with suppress(FlowError, np.linalg.LinAlgError):
+            with suppress(*NO_MOTION):
                 departures = self._departures(filters[0].before(self.run), self.steps)
                 for own in filters:
                     fit = _Fit(own, np.inf, self.steps)
@@ -295,12 +297,15 @@ class _FilteredRows:
         Rotations and long delays are not linear in the numbers of a filter.
         """
         few = tuple(dict.fromkeys([fit.steps[0], (fit.steps[0][0], EXACT)]))
-        with suppress(FlowError, np.linalg.LinAlgError):
+        with suppress(*NO_MOTION):
             return replace(self.settled(replace(fit, steps=few), 1.0 / NEAR), steps=fit.steps)
         return fit
 
     def settled(self, fit: _Fit, rest: float = 1.0 - ROUGHLY) -> _Fit:
-        """A fit after as many steps as leave no more than this `rest` each. Raises as `improved`."""
+        """A fit after steps of Gauss and Newton, as long as each leaves less than a share `rest`.
+
+        Raises as `improved`.
+        """
         fit = replace(fit, left=np.inf)
         for _ in range(NEWTON_STEPS):
             before, fit = fit, self.improved(fit)
@@ -489,7 +494,7 @@ def _likely(rows: _FilteredRows) -> Iterator[_Fit]:
             return  # one of higher order looks like one of lower order
         for fit in first:
             if fit.left <= min(few, NEAR * least):
-                with suppress(FlowError, np.linalg.LinAlgError):
+                with suppress(*NO_MOTION):
                     settled.append(rows.settled(fit))
         right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
         yield from sorted(right, key=lambda fit: fit.left)
@@ -514,7 +519,7 @@ def unfiltered(
         return None  # what acts elsewhere only has no column here
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
-    with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
+    with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
         if _FilteredRows(model, part, ()).exact:
             return None
         for fit in _likely(_FilteredRows(model, part, kernels)):
@@ -540,4 +545,53 @@ def _told(own: LowPass, h: float, left: float) -> Finding:
         "Log what goes into the filter; it is what is judged",
         "note",
         factor=own.delay * h,
+    )
+
+
+# --- forces of other rows ---
+
+SHARE_OF_SHIFT = 0.1
+"""Share of the variance of a log's prediction errors that forces of other rows may leave, to be tried."""
+
+
+def realigned(
+    mechanism: Mechanism, run: Trajectory, begun: Unclosed, beside_causes: bool
+) -> tuple[Trajectory, Finding] | None:
+    """A run with its forces moved by some rows, if the rows follow from each other then; None if not.
+
+    Perhaps beside causes, with the finding that says so.
+    """
+    left = begun.left_by_shifts(beside_causes)
+    late = min(left, key=lambda m: left[m], default=0)
+    if not late or left[late] > SHARE_OF_SHIFT * left[0]:
+        return None
+    shifted = _shifted(run, late)
+    again: Inference | Unclosed | None = closed(mechanism, shifted)
+    if isinstance(again, Unclosed) and beside_causes:
+        again = again.with_causes()
+        right = again is not None and again.closes and not again.late
+    elif isinstance(again, Unclosed):  # noise alone may look like a cause
+        right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN
+    else:
+        right = again is not None
+    return (shifted, _told_late(run, late)) if right else None
+
+
+def _shifted(run: Trajectory, late: int) -> Trajectory:
+    """A run with forces as many rows later."""
+    count, first = len(run) - abs(late), max(late, 0)
+    forces = {n: f[first - late : first - late + count] for n, f in run.forces.items()}
+    some = run.take(slice(first, first + count))
+    return replace(some, forces=forces, stages=None, integrals={}, works={})
+
+
+def _told_late(run: Trajectory, late: int) -> Finding:
+    rows = f"{abs(late)} row{'s' if abs(late) > 1 else ''}"
+    return Finding(
+        "late-forces",
+        f"forces act {rows} {'later' if late > 0 else 'earlier'} than they were logged",
+        "by the forces moved so, each row follows from the one before",
+        "Log each force in the row from which on it acts; the verdict is of the log with its forces moved",
+        "note",
+        factor=late * float(np.median(np.diff(run.t))),
     )

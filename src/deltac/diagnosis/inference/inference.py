@@ -52,7 +52,12 @@ from deltac.diagnosis.inference.interpolation import (
     with_filter,
     with_likeliest_forces,
 )
-from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, FlowError, Point, start
+from deltac.diagnosis.inference.linearisation import (
+    NO_MOTION,
+    RELINEARISATIONS,
+    Point,
+    start,
+)
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
@@ -94,10 +99,6 @@ FORCED = 0.5
 force makes: a smooth one makes none, what is of each on its own is one."""
 
 
-NO_MOTION = (FlowError, np.linalg.LinAlgError)
-"""Where the equations have no finite motion between the rows."""
-
-
 @dataclass(frozen=True, eq=False)
 class Unclosed:
     """A log of which the rows do not follow from each other without a cause: the points to begin at."""
@@ -107,7 +108,7 @@ class Unclosed:
     kernels: ColumnKernels
 
     def left_by_shifts(self, beside_causes: bool) -> dict[int, float]:
-        """What forces of other rows leave of some rows, see the function; nothing for no forces."""
+        """Variance that forces of other rows leave in a sample, by rows of delay; empty without forces."""
         point = self.points[-1] if self.points else None
         if point is not None and point.forces.kinds and not point.forces_known:
             with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
@@ -188,7 +189,7 @@ def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
     try:
         with np.errstate(all="ignore"), compiled_rows():
             return inferred(likeliest(start(model, run, log)))
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return None
 
 
@@ -234,7 +235,7 @@ def _closed(
             if seen >= every:
                 break
         return _with_excluded(alone, excluded)
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return None
 
 
@@ -352,7 +353,7 @@ def _to_first_order(
                 found = point.with_candidates(equations, kernels)
             comparison = likeliest(found.with_candidates(equations, geometry), comparison)
             result = inferred(comparison)
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return None
     return comparison, result, asked
 
@@ -377,7 +378,7 @@ def _at_itself(
             if alone is not None:
                 return inferred(alone)
         return _of_steps(comparison, result)
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return None
 
 
@@ -494,7 +495,7 @@ def _in_sample(point: Point, rivals: Sequence[Posterior]) -> Sequence[Posterior]
         return rivals
     try:
         likely = _likeliest(_built(point.sampled(SAMPLE), rivals))
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return rivals
     return [one.posterior for one in likely] or rivals
 
@@ -566,7 +567,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             reached = start
             if start <= KNOWN * block.least or (last and not halved):
                 break
-    except (FlowError, np.linalg.LinAlgError):
+    except NO_MOTION:
         return None
     return moved
 

@@ -198,6 +198,8 @@ def _implicit_euler(held: bool) -> Defect:
 
 
 def _trapezoidal(held: bool) -> Defect:
+    """The mean of the accelerations at both ends, of forces as if held or of those at each."""
+
     def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
         F = at.F if held else end.F
         u = at.u + 0.5 * h * (model.at(at) + model.acceleration(end.t, end.q, end.u, F))
@@ -207,6 +209,8 @@ def _trapezoidal(held: bool) -> Defect:
 
 
 def _implicit_midpoint(held: bool) -> Defect:
+    """The acceleration at the mean state, of forces as if held or of their mean."""
+
     def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
         mean, F = 0.5 * (at.u + end.u), at.F if held else 0.5 * (at.F + end.F)
         q = model.moved(at.q, mean, 0.5 * h)
@@ -539,10 +543,8 @@ def maps(
                 continue
             gap = model.difference(end, Rows(end.t, own.q, own.u, end.F))[:, :, None]
             if own.numbers:
-                method, gap = (
-                    replace(method, numbers=own.numbers),
-                    _newton(method, slopes(), h, gap),
-                )
+                gap = _newton(method, slopes(), h, gap)
+                method = replace(method, numbers=own.numbers)
             yield Map(method, counts, model.displaced(end, gap[:, :, 0]), own.columns)
         elif method.step is not None:
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))

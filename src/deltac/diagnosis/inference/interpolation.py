@@ -99,9 +99,9 @@ def held_as_in(comparison: HypothesisComparison) -> Point:
     held = "step" if counts.max() > 1 else "start"
 
     def acting(kind: str) -> str:
-        if method.later and method.order > 1:
-            return "smooth" if kind in ("start", "end") else kind
         if method.later:
+            if method.order > 1:
+                return "smooth" if kind in ("start", "end") else kind
             return "ramp" if kind == "end" else kind
         return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
 
@@ -176,10 +176,10 @@ def _likeliest_filter(point: Point, best: Fit) -> tuple[float, float] | None:
 
 
 def left_by_shifts(point: Point) -> dict[int, float]:
-    """Variance that forces leave of prediction errors if they act so many rows later than they were logged.
+    """Variance of the prediction errors if forces act so many rows later than they were logged.
 
-    In units of what is known, beside the columns of causes that the point has. A command may be logged steps
-    before it acts, or after; it is held or smooth between the rows.
+    By the number of rows, in units of the known noise, beside the columns of causes that the point has. A
+    command may be logged steps before it acts, or after; between rows it is held or smooth.
     """
     log, forces, nodes = point.log, point.forces, np.linspace(0.0, 1.0, 5)
     now = np.stack([forces.between(s) for s in nodes])
@@ -230,7 +230,7 @@ def _beside(
     innovations = point.log.innovations(tangent.Phi, point.noise.total)
     if some is None:
         white, _ = innovations(everything)
-    else:  # what others have must not reach these by the noise that rows share
+    else:  # other intervals must not act on these through the noise of the row that they share
         white, _ = innovations(np.where(some[:, None, None], everything, 0.0))
         white = white[some]
     count = B.shape[2]

@@ -83,6 +83,10 @@ class FlowError(ArithmeticError):
     """The equations of motion have no finite solution from some rows of a log on."""
 
 
+NO_MOTION = (FlowError, np.linalg.LinAlgError)
+"""Errors of a log between whose rows the equations have no finite motion."""
+
+
 @dataclass(frozen=True, eq=False)
 class Flow:
     """How each row follows from the one before: by the exact flow, and by the maps of methods.

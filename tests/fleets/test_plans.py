@@ -11,8 +11,9 @@ import pytest
 
 from deltac.errors import InputError, UnknownName
 from deltac.fleets.design import lay_out
-from deltac.fleets.spec import line_of, make_spec, read_spec
+from deltac.fleets.spec import make_spec, read_spec
 from deltac.fleets.sweep import plan_sweep
+from deltac.foreign.limits import line_of
 
 PLAN = """\
 # a sweep
@@ -85,14 +86,14 @@ def test_lines_of_long_files() -> None:
     lines = text.splitlines()
     for k in range(0, 60, 7):
         start = lines.index(f"[t{k}]")
-        assert line_of(text, (f"t{k}", "a", 1)) == start + 2
-        assert line_of(text, (f"t{k}", "b", "c")) == start + 9
+        assert line_of(text, f"t{k}.a.1") == start + 2
+        assert line_of(text, f"t{k}.b.c") == start + 9
 
 
 def test_the_line_of_a_quoted_name_with_a_dot() -> None:
     text = '[vary]\n"parameter.m" = [1, 2]\nq.hip = 0\n'
-    assert line_of(text, ("vary", "parameter.m", 0)) == 2
-    assert line_of(text, ("vary", "q", "hip")) == 3
+    assert line_of(text, "vary.parameter.m.0") == 2
+    assert line_of(text, "vary.q.hip") == 3
 
 
 @pytest.mark.parametrize(

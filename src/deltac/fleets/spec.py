@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_args
@@ -22,7 +21,7 @@ from pydantic import (
 from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import InputError, SpecificationError, UnknownName, closest
 from deltac.foreign.files import read_text
-from deltac.foreign.limits import parse_toml
+from deltac.foreign.limits import line_of, parse_toml
 
 
 def _radians(value: Any) -> Any:
@@ -160,7 +159,9 @@ def read_spec(path: str | Path) -> SweepSpec:
         document = parse_toml(text)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    spec = _validated(document, lambda place: f"{source}, line {line_of(text, place)}")
+    spec = _validated(
+        document, lambda place: f"{source}, line {line_of(text, _dotted(place)) or 1}"
+    )
     spec = spec if spec.name else spec.model_copy(update={"name": source.stem})
     if spec.design.file is None:
         return spec
@@ -170,7 +171,7 @@ def read_spec(path: str | Path) -> SweepSpec:
 
 def make_spec(values: Mapping[str, Any]) -> SweepSpec:
     """The sweep that values by name describe; InputError names the key."""
-    return _validated(dict(values), lambda place: ".".join(map(str, place)) or "sweep")
+    return _validated(dict(values), lambda place: _dotted(place) or "sweep")
 
 
 def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
@@ -190,10 +191,10 @@ def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
             )
         elif one["type"] == "missing":
             name = one["loc"][-1]
-            messages.append(f"{where(place)}: {'.'.join(map(str, place))} lacks {name!r}")
+            messages.append(f"{where(place)}: {_dotted(place)} lacks {name!r}")
         else:
             messages.append(
-                f"{where(place)}: {'.'.join(map(str, place))}: {_words(one)}, found {one['input']!r:.60}"
+                f"{where(place)}: {_dotted(place)}: {_words(one)}, found {one['input']!r:.60}"
             )
     more = f"; and {len(errors) - 5} more" if len(errors) > 5 else ""
     kind = UnknownName if unknown and len(errors) == 1 else InputError
@@ -238,32 +239,5 @@ def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
     return tuple(path)
 
 
-_HEADER = re.compile(r"\s*\[\[?(?P<header>[^\[\]=]+)\]\]?\s*(#.*)?$")
-_PART = r"\"[^\"]*\"|'[^']*'|[\w\-]+"
-_PLAN_KEY = re.compile(rf"\s*(?P<key>(?:{_PART})(?:\s*\.\s*(?:{_PART}))*)\s*=")
-
-
-def line_of(text: str, place: Sequence[int | str]) -> int:
-    r"""The line, from 1, of the statement of a TOML text that gives what is at a place; 1 for the whole.
-
-    Python's parser tells no positions, so headers and keys at the beginning of lines are read here.
-
-    >>> line_of("a = 1\n[b]\nc = [\n  1,\n  2,\n]\nd = 3\n", ("b", "c", 1))
-    3
-    """
-    header: list[str] = []
-    best, most = 1, 0
-    for number, line in enumerate(text.splitlines(), 1):
-        if match := _HEADER.match(line):
-            key = header = _dotted(match["header"])
-        elif match := _PLAN_KEY.match(line):
-            key = header + _dotted(match["key"])
-        else:
-            continue
-        if len(key) > most and list(place[: len(key)]) == key:
-            best, most = number, len(key)
-    return best
-
-
-def _dotted(key: str) -> list[str]:
-    return [part.strip("\"'") for part in re.findall(_PART, key)]
+def _dotted(place: Sequence[int | str]) -> str:
+    return ".".join(map(str, place))

@@ -231,6 +231,34 @@ def parse_toml(text: str) -> dict[str, Any]:
     return document
 
 
+_PART = r"\"[^\"]*\"|'[^']*'|[\w\-]+"
+_STATEMENT = re.compile(
+    rf"\s*(?P<table>\[\[?)?\s*(?P<key>(?:{_PART})(?:\s*\.\s*(?:{_PART}))*)\s*(?(table)\]|=)"
+)
+
+
+def line_of(text: str, key: str) -> int:
+    r"""The line, from 1, of the statement of a TOML text that gives a dotted key or what holds it; 0: none.
+
+    Python's parser tells no positions, so headers and keys at the beginning of lines are read here.
+
+    >>> line_of("a = 1\n[b]\nc = [\n  1,\n  2,\n]\nd = 3\n", "b.c.1")
+    3
+    """
+    table, best, longest = "", 0, 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if not (match := _STATEMENT.match(line)):
+            continue
+        place = ".".join(part.strip("\"'") for part in re.findall(_PART, match["key"]))
+        if match["table"]:
+            table = place
+        elif table:
+            place = f"{table}.{place}"
+        if len(place) > longest and f"{key}.".startswith(f"{place}."):
+            best, longest = number, len(place)
+    return best
+
+
 def check_nesting(value: Any, what: str) -> None:
     """Raise InputError for lists and dictionaries in each other, deeper than the limit."""
     limits = Limits.current()

@@ -42,7 +42,7 @@ from typing import Any, TypeAlias
 
 from deltac.errors import InputError, LogError, WrongType, closest, shown
 from deltac.foreign.files import read_text
-from deltac.foreign.limits import parse_toml
+from deltac.foreign.limits import line_of, parse_toml
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
 from deltac.trajectories.formats.meaning import Meaning
@@ -105,7 +105,7 @@ def read_mapping(path: str | Path) -> LogMapping:
         document = parse_toml(text)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    return _Parser(document, str(path), _places(text)).mapping()
+    return _Parser(document, str(path), text).mapping()
 
 
 MappingLike: TypeAlias = LogMapping | str | Path | None
@@ -142,7 +142,7 @@ def with_step(mapping: MappingLike, step: float) -> LogMapping:
 class _Parser:
     document: Mapping[str, Any]
     path: str
-    places: Mapping[str, int]  # the line of each dotted key
+    text: str
 
     def mapping(self) -> LogMapping:
         for key in self.document:
@@ -297,33 +297,9 @@ class _Parser:
         return LogError(f"{self.where(key)}: {message}")
 
     def where(self, key: str) -> str:
-        place = key
-        while place and place not in self.places:
-            place = place.rpartition(".")[0]
-        line = f", line {self.places[place]}" if place else ""
-        return f"{self.path}{line}, {key}"
+        line = line_of(self.text, key)
+        return f"{self.path}{f', line {line}' if line else ''}, {key}"
 
 
 def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
-
-
-def _places(text: str) -> dict[str, int]:
-    """Dotted key -> the line on which it most likely stands."""
-    places: dict[str, int] = {}
-    table = ""
-    for number, line in enumerate(text.split("\n"), 1):
-        line = line.strip()
-        if line.startswith("[") and "]" in line:
-            table = place = _unquoted(line.partition("]")[0].lstrip("["))
-        elif "=" in line and not line.startswith("#"):
-            place = ".".join(filter(None, (table, _unquoted(line.partition("=")[0]))))
-        else:
-            continue
-        places.setdefault(place, number)
-    return places
-
-
-def _unquoted(key: str) -> str:
-    parts = (part.strip() for part in key.replace('"', "").replace("'", "").split("."))
-    return ".".join(parts)

@@ -25,9 +25,8 @@ from deltac.dynamics.testing_functions import (
     testing_functions,
 )
 from deltac.energy.ledger import Ledger
-from deltac.energy.one_pass import OnePass, in_one_pass
+from deltac.energy.one_pass import RowValues, in_one_pass
 from deltac.energy.prepare import checked_samples
-from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import Jumps, LogRows, integrate_pieces, jumps, rows_of
 from deltac.energy.terms import (
@@ -111,13 +110,11 @@ def balance_of_rows(
         momenta=MOMENTUM in names,
     )
     _check_division(symbols, samples)
-    one_pass = None
+    columns = None
     if method == "samples" and not run.integrals.keys() & BOOKED:
-        one_pass = in_one_pass(samples, log, symbols, kernels, functions, keep)
-    if one_pass is None:
-        columns = _Columns.of_all_rows(samples, rows, log, kernels)
-    else:
-        columns = _Columns.of_pass(one_pass, kernels)
+        columns = in_one_pass(samples, log, symbols, kernels, functions, keep)
+    if columns is None:
+        columns = _of_all_rows(samples, rows, log, kernels)
     discrete = None
     if method == "discrete":
         from deltac.energy.discrete import discrete_work
@@ -138,72 +135,25 @@ def balance_of_rows(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """What kernels and quadrature say of the rows of a ledger, whichever way they were taken.
-
-    `rows` are their places in the run, `outputs` the kernel's values there, each (n, rows), `sums` the
-    integrals of those of `between`, by `rule`. Over all rows of the run were taken: the `least` and `largest`
-    K2, K1, K0, V and K; in one pass also ∫|ṗ_r| dt, `momentum_exchanged`, and `flow`, ∫|P| dt by channel.
-    """
-
-    rows: NDArray[np.intp]
-    outputs: dict[str, Array]
-    sums: dict[str, list[Work]]
-    rule: str
-    least: Array
-    largest: Array
-    momentum_exchanged: Array | None = None
-    flow: Mapping[ChannelName, float] | None = None
-
-    @staticmethod
-    def of_all_rows(
-        samples: Samples, rows: LogRows, log: LoggedForces, kernels: LedgerKernels
-    ) -> _Columns:
-        """By quadrature over the smooth pieces of a run."""
-        values = at_samples(samples, *_evaluation(kernels.at_samples, log))
-        between = values[-kernels.between.n_out :]
-        evaluate, rated = _evaluation(kernels.between, log)
-        leading = slice(len(kernels.channels), None)
-        integral = integrate_pieces(samples, rows.starts, evaluate, between, rated, leading)
-        outputs, sums = _by_name(kernels, values[:, rows.own], integral, rows.own)
-        energies = np.vstack([outputs["energies"], Energies(*outputs["energies"]).K])
-        return _Columns(
-            np.arange(energies.shape[1]),
-            outputs,
-            sums,
-            integral.rule,
-            energies.min(axis=1),
-            energies.max(axis=1),
-        )
-
-    @staticmethod
-    def of_pass(one_pass: OnePass, kernels: LedgerKernels) -> _Columns:
-        """What one pass kept."""
-        outputs, sums = _by_name(kernels, one_pass.known, one_pass.integral, slice(None))
-        size = one_pass.size[kernels.between.output_slices["force"]][len(kernels.momenta) :]
-        rule, extremes = one_pass.integral.rule, (one_pass.least, one_pass.largest)
-        return _Columns(one_pass.rows, outputs, sums, rule, *extremes, size, one_pass.flow)
-
-    @property
-    def energies(self) -> Energies:
-        """K2, K1, K0 and V (rows,)."""
-        return Energies(*self.outputs["energies"])
-
-
-def _by_name(
-    kernels: LedgerKernels, values: Array, integral: Integral, own: NDArray[np.intp] | slice
-) -> tuple[dict[str, Array], dict[str, list[Work]]]:
-    """Outputs of a ledger's kernel and their integrals, by name."""
-    outputs = {name: values[where] for name, where in kernels.at_samples.output_slices.items()}
-    sums = {
-        name: [
-            Work(integral.value[own, k], integral.bar[own, k])
-            for k in range(where.start, where.stop)
-        ]
-        for name, where in kernels.between.output_slices.items()
-    }
-    return outputs, sums
+def _of_all_rows(
+    samples: Samples, rows: LogRows, log: LoggedForces, kernels: LedgerKernels
+) -> RowValues:
+    """By quadrature over the smooth pieces of a run."""
+    values = at_samples(samples, *_evaluation(kernels.at_samples, log))
+    between = values[-kernels.between.n_out :]
+    evaluate, rated = _evaluation(kernels.between, log)
+    leading = slice(len(kernels.channels), None)
+    integral = integrate_pieces(samples, rows.starts, evaluate, between, rated, leading)
+    values = values[:, rows.own]
+    energies = values[kernels.at_samples.output_slices["energies"]]
+    energies = np.vstack([energies, Energies(*energies).K])
+    return RowValues(
+        np.arange(energies.shape[1]),
+        values,
+        replace(integral, value=integral.value[rows.own], bar=integral.bar[rows.own]),
+        energies.min(axis=1),
+        energies.max(axis=1),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +171,7 @@ class RowBalance:
     functions: Sequence[TestingFunction]
     symbols: LedgerSymbols
     kernels: LedgerKernels
-    columns: _Columns
+    columns: RowValues
     jumped: Jumps
     discrete: DiscreteWork | None
     integrated: bool
@@ -233,6 +183,23 @@ class RowBalance:
         return self.columns.rows
 
     @cached_property
+    def outputs(self) -> dict[str, Array]:
+        """Outputs of the kernel at the rows, by name."""
+        places = self.kernels.at_samples.output_slices.items()
+        return {name: self.columns.known[where] for name, where in places}
+
+    @cached_property
+    def energies(self) -> Energies:
+        """K2, K1, K0 and V (rows,)."""
+        return Energies(*self.outputs["energies"])
+
+    def sums(self, name: str) -> list[Work]:
+        """The integrals of an output of `between`."""
+        where, integral = self.kernels.between.output_slices[name], self.columns.integral
+        places = range(where.start, where.stop)
+        return [Work(integral.value[:, k], integral.bar[:, k]) for k in places]
+
+    @cached_property
     def growth(self) -> Array:
         """Of rounding, at the rows."""
         return growth_of_rounding(self.columns.rows)
@@ -240,13 +207,13 @@ class RowBalance:
     @cached_property
     def potential(self) -> dict[ChannelName, Array]:
         """V of each source (rows,), J."""
-        return dict(zip(self.kernels.potential, self.columns.outputs["potential"]))
+        return dict(zip(self.kernels.potential, self.outputs["potential"]))
 
     @cached_property
     def power(self) -> dict[ChannelName, Array]:
         """Of each channel of forces (rows,), W."""
-        outputs = self.columns.outputs
-        return dict(zip(self.kernels.powers, (*outputs["conservative"], *outputs["channels"])))
+        powers = (*self.outputs["conservative"], *self.outputs["channels"])
+        return dict(zip(self.kernels.powers, powers))
 
     @cached_property
     def recorded(self) -> dict[ChannelName, Array]:
@@ -270,7 +237,7 @@ class RowBalance:
     @cached_property
     def sampled(self) -> dict[ChannelName, Work]:
         """Works by quadrature, of channels without a potential."""
-        return dict(zip(self.kernels.channels, self.columns.sums["channels"]))
+        return dict(zip(self.kernels.channels, self.sums("channels")))
 
     @cached_property
     def lost_by_samples(self) -> dict[ChannelName, Work]:
@@ -300,7 +267,7 @@ class RowBalance:
         """ΔC of each testing function, with the bar of its quadrature."""
         delta_c: dict[str, Work] = {}
         for function in self.functions:
-            E = function.E(self.columns.energies)
+            E = function.E(self.energies)
             for name, flowed in self._flowed(function):
                 delta_c[name] = Work(E - E[0] - (flowed.value - flowed.value[0]), flowed.bar)
         return delta_c
@@ -327,7 +294,7 @@ class RowBalance:
         ]
         if run.integrals.keys() & BOOKED:
             jump = jump + _projected(run, potential=function.name != "liu-huston")
-        integrals = dict(zip(self.kernels.functions, self.columns.sums["functions"]))
+        integrals = dict(zip(self.kernels.functions, self.sums("functions")))
         for name in names:
             flow = sum(entering, start=integrals[name])
             yield name, Work(flow.value + jump, flow.bar)
@@ -363,10 +330,10 @@ class RowBalance:
     def momentum_flow(self, rows: slice) -> dict[str, float]:
         """∫|ṗ_r| dt over some rows, by speed."""
         kernels, columns = self.kernels, self.columns
-        if columns.momentum_exchanged is not None and rows == slice(0, len(self.rows)):
-            sizes = columns.momentum_exchanged
+        if columns.size is not None and rows == slice(0, len(self.rows)):
+            sizes = columns.size[kernels.between.output_slices["force"]][len(kernels.momenta) :]
         else:
-            rates = np.abs(columns.outputs["force"][len(kernels.momenta) :, rows])
+            rates = np.abs(self.outputs["force"][len(kernels.momenta) :, rows])
             h = np.diff(self.run.t[self.rows[rows]])
             sizes = 0.5 * ((rates[:, 1:] + rates[:, :-1]) * h).sum(axis=1)
         return dict(zip(kernels.speeds, map(float, sizes)))
@@ -400,7 +367,7 @@ class RowBalance:
         works |= {n: Work(value, self.rounding, "booked") for n, value in self.corrections.items()}
         if self.method == "in-loop" and "wang" in self.delta_c:
             free = {n: w for n, w in works.items() if n not in self.potential}
-            E = self.columns.energies.K + self.columns.energies.V
+            E = self.energies.K + self.energies.V
             flowed = sum(w.value for w in free.values())
             works |= widened(free, np.abs(E - E[0] - flowed - self.delta_c["wang"].value))
         return works
@@ -415,8 +382,8 @@ class RowBalance:
         departures = list[Work]()
         for k, (p, rate, impulse, (departure, rounding)) in enumerate(
             zip(
-                self.columns.outputs["momentum"],
-                self.columns.sums["force"],
+                self.outputs["momentum"],
+                self.sums("force"),
                 impulses,
                 self._room(len(names)),
             )
@@ -444,9 +411,9 @@ class RowBalance:
         return Ledger(
             t=self.run.t[columns.rows],
             method=self.method,
-            K2=columns.energies.K2,
-            K1=columns.energies.K1,
-            K0=columns.energies.K0,
+            K2=self.energies.K2,
+            K1=self.energies.K1,
+            K0=self.energies.K0,
             potential=self.potential,
             power=dict.fromkeys(self.impulsive, nothing) | self.power,
             work={name: w.value for name, w in works.items()},
@@ -459,7 +426,7 @@ class RowBalance:
             momentum_bar={name: departure.bar for name, departure in momentum.items()},
             violation={},
             basis=computed | dict.fromkeys(self.impulsive, "measured") | dict(self.basis),
-            rule="discrete" if self.discrete is not None else columns.rule,
+            rule="discrete" if self.discrete is not None else columns.integral.rule,
             delta_p={name: departure.value for name, departure in delta_p.items()},
             delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
             momentum_exchanged=self.momentum_flow(slice(0, len(self.rows))),

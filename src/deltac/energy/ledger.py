@@ -167,19 +167,8 @@ class Ledger(
         import polars
 
         columns: dict[str, Array] = {"time": self.t, "kinetic": self.kinetic}
-        groups: dict[str, Mapping[Any, Array]] = {
-            "potential": self.potential,
-            "power": self.power,
-            "work": self.work,
-            "work_error": self.work_error,
-            "delta_c": self.delta_c,
-            "error_bar": self.error_bar,
-            "momentum": self.momentum,
-            "delta_p": self.delta_p,
-            "violation": self.violation,
-        }
-        for group, members in groups.items():
-            columns.update({f"{group}.{name}": values for name, values in members.items()})
+        for group in _IN_TABLES:
+            columns |= {f"{group}.{name}": x for name, x in getattr(self, group).items()}
         return polars.DataFrame(columns)
 
     @property
@@ -254,32 +243,19 @@ class Ledger(
         ]
         changes = [(f"Δ{name}", number(change), "", "") for name, change in self.energies().items()]
         yield Table(("channel", "energy (J)", "± (J)", "basis"), (*rows, (), *changes))
-        yield Table(
-            ("testing function", "max |ΔC| (J)", "± (J)", "share"),
-            tuple(
-                (
-                    name,
-                    number(f["delta_c"], digits=3),
-                    number(f["error_bar"], digits=2),
-                    percent(f["relative"]),
+        for heads, tests in (
+            (("testing function", "max |ΔC| (J)", "± (J)", "share"), self.functions()),
+            (("momentum function", "max |ΔP| (kg·m/s, kg·m²/s)", "±", "share"), self.momenta()),
+        ):
+            if tests:
+                yield Table(
+                    heads, tuple((name, *_in_words(*f.values())) for name, f in tests.items())
                 )
-                for name, f in self.functions().items()
-            ),
-        )
-        if self.delta_p:
-            yield Table(
-                ("momentum function", "max |ΔP| (kg·m/s, kg·m²/s)", "±", "share"),
-                tuple(
-                    (
-                        name,
-                        number(f["delta_p"], digits=3),
-                        number(f["error_bar"], digits=2),
-                        percent(f["relative"]),
-                    )
-                    for name, f in self.momenta().items()
-                ),
-            )
         yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
+
+
+def _in_words(size: float, error: float, share: float) -> tuple[str, str, str]:
+    return number(size, digits=3), number(error, digits=2), percent(share)
 
 
 def joined(parts: Sequence[Ledger]) -> Ledger:
@@ -332,3 +308,9 @@ _WHAT = {
     "violation": "violation",
 }
 """What each of the ledger's mappings is of."""
+
+_IN_TABLES = (
+    *("potential", "power", "work", "work_error", "delta_c", "error_bar"),
+    *("momentum", "delta_p", "violation"),
+)
+"""The mappings that `Ledger.to_frame` has columns of."""

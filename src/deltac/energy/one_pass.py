@@ -59,22 +59,22 @@ HALO = 4 * (SAMPLED // 2)
 """Rows on either side of a block at an end of the log: windows on every fourth row reach no further."""
 
 
-@dataclass(frozen=True)
-class OnePass:
-    """What a pass keeps.
+@dataclass(frozen=True, eq=False)
+class RowValues:
+    """What kernels and quadrature say of the rows of a ledger, whichever way they were taken.
 
-    `known` are the outputs of the kernel at the `rows` that are kept (n, k), `integral` those of its last
-    outputs; over all rows were taken: `flow`, ∫|P| dt of each channel (J), `size`, ∫|·| dt of each of those
-    last outputs, and the `least` and `largest` K2, K1, K0, V and K.
+    `known` are the outputs of the kernel at the `rows` (n, k), places in the run, `integral` the integrals of
+    its last outputs. Over all rows of the run were taken: the `least` and `largest` K2, K1, K0, V and K; in
+    one pass also `flow`, ∫|P| dt of each channel (J), and `size`, ∫|·| dt of each of those last outputs.
     """
 
     rows: NDArray[np.intp]
     known: Array
     integral: Integral
-    flow: dict[ChannelName, float]
-    size: Array
     least: Array
     largest: Array
+    flow: Mapping[ChannelName, float] | None = None
+    size: Array | None = None
 
 
 class _Layout:
@@ -356,7 +356,7 @@ def in_one_pass(
     kernels: LedgerKernels,
     functions: Sequence[TestingFunction],
     keep: int | None,
-) -> OnePass | None:
+) -> RowValues | None:
     """One pass over equidistant samples without events.
 
     Of the samples about `keep` rows are kept, one of `PART` at least; all if None. None where samples are of
@@ -406,14 +406,14 @@ def in_one_pass(
     if not exact_to_rounding(bar[leading, -1].max(), size_of[leading].max(), count):
         return None
     flow = np.append(np.sum([s.flow for s in sums], axis=0), size_of[layout.channels])
-    return OnePass(
+    return RowValues(
         rows,
         outputs,
         Integral(value.T, bar.T, "samples", observed_order(finer[leading], coarser[leading])),
-        dict(zip((*kernels.conservative, *kernels.channels), flow.tolist())),
-        size_of,
         np.min([s.lowest for s in sums], axis=0),
         np.max([s.highest for s in sums], axis=0),
+        dict(zip(kernels.powers, flow.tolist())),
+        size_of,
     )
 
 

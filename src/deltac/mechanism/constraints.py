@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
+import numpy as np
+
 from deltac.arrays import TINY
 from deltac.errors import ModelError
 from deltac.mechanism.expressions import symbol_of
@@ -580,11 +582,8 @@ def perpendiculars(n: Direction) -> tuple[Direction, Direction]:
     e = [float(i == k) for i in range(3)]
     dot = sum(a * b for a, b in zip(e, n))
     first = unit_vector([e[i] - dot * n[i] for i in range(3)], "direction")
-    return first, (
-        n[1] * first[2] - n[2] * first[1],
-        n[2] * first[0] - n[0] * first[2],
-        n[0] * first[1] - n[1] * first[0],
-    )
+    second: Direction = tuple(np.cross(n, first).tolist())
+    return first, second
 
 
 angle = Angle

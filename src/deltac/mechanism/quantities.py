@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
 
 from deltac.calls.arguments import checked
@@ -91,16 +92,15 @@ def as_rotation(value: Any, where: str) -> Matrix:
         return _from_quaternion([float(entry) for entry in value], where)
     if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
         raise ModelError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
-    r = [[float(entry) for entry in list(row)] for row in rows]
-    gram = [[sum(r[k][i] * r[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
-    error = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
-    if not (error < 1e-6 and _determinant(r) > 0.0):
+    r = np.array(rows, dtype=np.float64)
+    error, determinant = np.abs(r.T @ r - np.eye(3)).max(), np.linalg.det(r)
+    if not (error < 1e-6 and determinant > 0.0):
         raise ModelError(
             f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {error:.3g}, "
-            f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or "
+            f"its determinant is {determinant:.3g}); give an orthonormal matrix, a quaternion, or "
             "deltac.rotation_matrix(axis, angle)"
         )
-    a, b, c = ((row[0], row[1], row[2]) for row in r)
+    a, b, c = ((x, y, z) for x, y, z in r.tolist())
     return (a, b, c)
 
 
@@ -126,14 +126,6 @@ def _from_quaternion(q: list[float], where: str) -> Matrix:
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
-    )
-
-
-def _determinant(r: list[list[float]]) -> float:
-    return (
-        r[0][0] * (r[1][1] * r[2][2] - r[1][2] * r[2][1])
-        - r[0][1] * (r[1][0] * r[2][2] - r[1][2] * r[2][0])
-        + r[0][2] * (r[1][0] * r[2][1] - r[1][1] * r[2][0])
     )
 
 

@@ -32,7 +32,8 @@ def analytic(t: Array, derived: bool = False) -> Samples:
 
 def cumulated(samples: Samples, powers: Any, window: int) -> Array:
     """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
-    return hermite(samples, powers, at_samples(samples, powers), window, samples.smooth).T
+    parts = hermite(samples, powers, at_samples(samples, powers), window, samples.smooth)
+    return parts.cumsum(axis=1).T
 
 
 def integrand(t: Array, between: Between) -> Array:

@@ -147,18 +147,6 @@ def hermite(
     window: int,
     rates: Collection[str],
 ) -> Array:
-    """∫ from the first sample on (m, T); see `hermite_parts`."""
-    total = hermite_parts(samples, powers, sampled, window, rates)
-    return np.cumsum(total, axis=1, out=total)
-
-
-def hermite_parts(
-    samples: Samples,
-    powers: Powers,
-    sampled: Array,
-    window: int,
-    rates: Collection[str],
-) -> Array:
     """∫ over the interval before each sample (m, T): Lobatto's rule along motions interpolated in a window.
 
     `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
@@ -312,7 +300,7 @@ def _chosen(
             f"hermite {window}",
             HERMITE_ORDERS[window],
             window,
-            lambda s, at: hermite(s, powers, at, window, rated),
+            lambda s, at: hermite(s, powers, at, window, rated).cumsum(axis=1),
         )
 
     first = None

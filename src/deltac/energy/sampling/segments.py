@@ -21,7 +21,7 @@ from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
-from deltac.energy.sampling.quadrature import TWICE_THINNED, Integral, hermite_parts, integrate
+from deltac.energy.sampling.quadrature import TWICE_THINNED, Integral, hermite, integrate
 from deltac.energy.sampling.samples import Powers, Samples
 from deltac.mechanism.channels import ByChannel
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -127,7 +127,7 @@ def integrate_pieces(
     if not starts:
         return integrate(samples, powers, sampled, rates, leading)
     with np.errstate(divide="ignore", invalid="ignore"):
-        parts = hermite_parts(samples, powers, sampled, 2, rates)[:, 1:]
+        parts = hermite(samples, powers, sampled, 2, rates)[:, 1:]
     width = np.diff(samples.t)
     plain = 0.5 * width * (sampled[:, 1:] + sampled[:, :-1])
     bars = np.abs(parts - plain)
@@ -138,9 +138,7 @@ def integrate_pieces(
         for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
             if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
                 piece, places = slice(*rows), slice(rows[0], rows[1] - 1)
-                better = hermite_parts(samples.rows(piece), powers, sampled[:, piece], 4, rates)[
-                    :, 1:
-                ]
+                better = hermite(samples.rows(piece), powers, sampled[:, piece], 4, rates)[:, 1:]
                 bars[:, places] = np.abs(better - parts[:, places])
                 parts[:, places] = better
         if long:

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.channels import ChannelName
+from deltac.results import plain
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
 
@@ -57,6 +58,19 @@ class _ColumnLayout:
     integrals: tuple[str, ...]
     stages: int = 0
 
+    @staticmethod
+    def of(run: Trajectory) -> _ColumnLayout:
+        """That of a trajectory."""
+        return _ColumnLayout(
+            run.coordinates,
+            run.speeds,
+            run.udot is not None,
+            tuple(run.forces),
+            tuple(run.works),
+            tuple(run.integrals),
+            0 if run.stages is None else run.stages.shape[1],
+        )
+
     def columns(self) -> Iterator[str]:
         """The columns in the order of the schema."""
         yield "time"
@@ -81,40 +95,25 @@ def to_columns(run: Trajectory) -> dict[str, FloatArray]:
     Raises InputError in the rare case that two forces would share one column, as channel
     ``applied a`` on speed ``b.c`` and channel ``applied a.b`` on speed ``c`` do.
     """
-    columns: dict[str, FloatArray] = {"time": run.t}
-    groups = [("q", run.coordinates, run.q), ("u", run.speeds, run.u)]
-    if run.udot is not None:
-        groups.append(("udot", run.speeds, run.udot))
-    groups += [(f"force.{channel}", run.speeds, f) for channel, f in run.forces.items()]
-    if run.stages is not None:
-        groups += [
-            (prefix[:-1], run.speeds, values)
-            for prefix, values in zip(_STAGES, run.stages.transpose(1, 0, 2))
-        ]
-    for prefix, names, values in groups:
-        for name, column in zip(names, values.T, strict=True):
-            _add(columns, f"{prefix}.{name}", column)
-    for prefix, sums in (("work", run.works), ("integral", run.integrals)):
-        for name, column in sums.items():
-            _add(columns, f"{prefix}.{name}", column)
-    return columns
+    tables = [run.q, run.u, *([] if run.udot is None else [run.udot]), *run.forces.values()]
+    tables += [] if run.stages is None else [*run.stages.transpose(1, 0, 2)]
+    columns = [run.t, *(column for table in tables for column in table.T)]
+    columns += [*run.works.values(), *run.integrals.values()]
+    return dict(zip(_distinct(_ColumnLayout.of(run).columns()), columns, strict=True))
 
 
 def to_metadata(run: Trajectory) -> dict[str, Any]:
     """The JSON header of a trajectory: plain dicts, lists, numbers and text."""
     events = {"events": [event.to_dict() for event in run.events]} if run.events else {}
+    layout = plain(_ColumnLayout.of(run))
+    if run.stages is None:
+        del layout["stages"]
     return {
         "schema_version": SCHEMA_VERSION,
         **events,
         "rows": len(run),
         "units": dict(UNITS),
-        "coordinates": list(run.coordinates),
-        "speeds": list(run.speeds),
-        "accelerations": run.udot is not None,
-        "channels": list(run.forces),
-        "works": list(run.works),
-        "integrals": list(run.integrals),
-        **({} if run.stages is None else {"stages": run.stages.shape[1]}),
+        **layout,
         "provenance": _provenance_fields(run.provenance),
     }
 
@@ -176,26 +175,16 @@ def from_columns(
     )
 
 
-def _add(columns: dict[str, FloatArray], name: str, values: FloatArray) -> None:
-    if name in columns:
-        raise _collision(name)
-    columns[name] = values
-
-
 def _distinct(names: Iterable[str]) -> list[str]:
     names_so_far: dict[str, None] = {}
     for name in names:
         if name in names_so_far:
-            raise _collision(name)
+            raise LogError(
+                f"two columns would be named {name!r}; rename an element or a joint so that "
+                "'<channel>.<speed>' tells the forces apart"
+            )
         names_so_far[name] = None
     return list(names_so_far)
-
-
-def _collision(name: str) -> InputError:
-    return LogError(
-        f"two columns would be named {name!r}; rename an element or a joint so that "
-        "'<channel>.<speed>' tells the forces apart"
-    )
 
 
 def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> None:

@@ -14,7 +14,7 @@ functions are those of the C library, called for one state after the other.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 import casadi
@@ -95,6 +95,14 @@ class InstructionTape:
         return self.call("select une", condition, 0.0, a, b)
 
 
+Operation: TypeAlias = "Callable[[Value, Value | float], Value]"
+
+
+def _both_ways(code: str) -> tuple[Operation, Operation]:
+    """An operation of two numbers, and the same with the operands exchanged."""
+    return lambda a, b: a.tape.call(code, a, b), lambda b, a: b.tape.call(code, a, b)
+
+
 class Value:
     """A number on a tape, with Python's arithmetic."""
 
@@ -103,29 +111,10 @@ class Value:
     def __init__(self, tape: InstructionTape, place: int) -> None:
         self.tape, self.place = tape, place
 
-    def __add__(self, other: Value | float) -> Value:
-        return self.tape.call("fadd", self, other)
-
-    def __radd__(self, other: float) -> Value:
-        return self.tape.call("fadd", other, self)
-
-    def __sub__(self, other: Value | float) -> Value:
-        return self.tape.call("fsub", self, other)
-
-    def __rsub__(self, other: float) -> Value:
-        return self.tape.call("fsub", other, self)
-
-    def __mul__(self, other: Value | float) -> Value:
-        return self.tape.call("fmul", self, other)
-
-    def __rmul__(self, other: float) -> Value:
-        return self.tape.call("fmul", other, self)
-
-    def __truediv__(self, other: Value | float) -> Value:
-        return self.tape.call("fdiv", self, other)
-
-    def __rtruediv__(self, other: float) -> Value:
-        return self.tape.call("fdiv", other, self)
+    __add__, __radd__ = _both_ways("fadd")
+    __sub__, __rsub__ = _both_ways("fsub")
+    __mul__, __rmul__ = _both_ways("fmul")
+    __truediv__, __rtruediv__ = _both_ways("fdiv")
 
     def __neg__(self) -> Value:
         return self.tape.call("fneg", self)

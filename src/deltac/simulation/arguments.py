@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -194,61 +194,46 @@ def check_accelerations(
     if not np.isfinite(x0).all():
         raise StateError("the coordinate map has no finite own coordinates for the initial state")
 
-    def look() -> float:
-        return _start_error(flow, mechanism, controller, state, x0, p, vary, rows)
+    def accelerations(x: Array) -> Array:
+        return np.asarray(evaluate_at(flow.rate, state.t, x, p)[0][flow.parts[1]])
+
+    def relative_error() -> float:
+        """InputError where there are no accelerations."""
+        if flow.traced and controller is None:
+            (xdot,) = evaluate_at(flow.rate, state.t, x0, p)
+        else:
+            rate = StageRate(flow, controller, p)
+            rate.hold(state.t, x0)
+            xdot = rate(state.t, x0)
+        _, u_part, _ = flow.parts
+        error = 0.0
+        if flow.equations is None:
+            free, motion = mechanism.free, equations_of_motion(mechanism, vary)
+            M = motion.mass_matrix(state.t, state.q[free.q], p)
+            if singular := singular_inertia(mechanism, M):
+                raise singular
+            suspect = False
+            if flow.traced and controller is None and len(x0[u_part]) == len(M):
+                suspect = noise(accelerations, M, x0) > NOISY
+            at = (state.t, state.q[free.q], state.u[free.u], p)
+            error = acceleration_error(motion, rows, *at, suspect=suspect)
+        bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
+        if bad.size:
+            names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+            which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
+            raise StateError(
+                f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
+                ": a law is not defined there, or equations by hand give no number"
+            )
+        return error
 
     if flow.traced and controller is None:
         cache = flow.once("starts", lambda: LRUCache[float](16))
         place = (state.t, *(a.tobytes() for a in (state.q, state.u, x0, p)))
-        error = cache.get(place, look)
+        error = cache.get(place, relative_error)
     else:  # a function of the user may answer otherwise the next time
-        error = look()
+        error = relative_error()
     _tell_digits(mechanism, vary, error, state, p, tied=bool(rows))
-
-
-def _start_error(
-    flow: StateFlow,
-    mechanism: Mechanism,
-    controller: Controller | None,
-    state: State,
-    x0: Array,
-    p: Array,
-    vary: Sequence[str],
-    rows: Sequence[int],
-) -> float:
-    """The relative error of the accelerations at a start; InputError where there are none."""
-    if flow.traced and controller is None:
-        (xdot,) = evaluate_at(flow.rate, state.t, x0, p)
-    else:
-        rate = StageRate(flow, controller, p)
-        rate.hold(state.t, x0)
-        xdot = rate(state.t, x0)
-    _, u_part, _ = flow.parts
-    error = 0.0
-    if flow.equations is None:
-        free, motion = mechanism.free, equations_of_motion(mechanism, vary)
-        M = motion.mass_matrix(state.t, state.q[free.q], p)
-        if singular := singular_inertia(mechanism, M):
-            raise singular
-        suspect = False
-        if flow.traced and controller is None and len(x0[u_part]) == len(M):
-            suspect = noise(_at_start(flow, state.t, p), M, x0) > NOISY
-        at = (state.t, state.q[free.q], state.u[free.u], p)
-        error = acceleration_error(motion, rows, *at, suspect=suspect)
-    bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
-    if bad.size:
-        names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
-        which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
-        raise StateError(
-            f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"
-            ": a law is not defined there, or equations by hand give no number"
-        )
-    return error
-
-
-def _at_start(flow: StateFlow, t: float, p: Array) -> Callable[[Array], Array]:
-    """The accelerations as a function of the state."""
-    return lambda x: np.asarray(evaluate_at(flow.rate, t, x, p)[0][flow.parts[1]])
 
 
 def positive(value: float, what: str) -> float:

@@ -233,7 +233,7 @@ def test_files_and_specs(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"duration": -1.0}, "duration=-1.0: expected a positive"),
+        ({"duration": -1.0}, "duration is -1.0; expected a positive"),
         ({"duration": float("nan")}, "duration=nan"),
         ({"duration": 0.1, "step": 0.0}, "step=0.0"),
         ({"duration": 0.1, "integrator": "eular"}, "did you mean 'euler'"),

@@ -41,11 +41,10 @@ from deltac.recorders.mujoco_forces import (
     plastic_state,
 )
 from deltac.recorders.recorder import OCCASIONAL, Recorder, StepSums, TrajectoryBuilder, simulator
+from deltac.simulation import positive
 from deltac.trajectories import Provenance, Trajectory
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from mujoco import MjData, MjModel, MjSpec, mjtIntegrator
 
 Model: TypeAlias = "MjModel"
@@ -450,7 +449,7 @@ def run_mujoco(
     mujoco = simulator("mujoco", "mujoco")
     own = copy.copy(compiled_model(model, base))
     if step is not None:
-        own.opt.timestep = _positive("step", step)
+        own.opt.timestep = positive(step, "step")
     if integrator is not None:
         integrators = integrator_names()
         if integrator not in integrators:
@@ -461,7 +460,7 @@ def run_mujoco(
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     h = float(own.opt.timestep)
-    steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME))
+    steps = math.ceil(positive(duration, "duration") / h * (1.0 - SAME))
     state = mujoco.MjData(own)
     if data is not None:
         mujoco.mj_copyData(state, own, data)
@@ -506,12 +505,6 @@ def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
     raise WrongType(
         f"model: found {type(model).__name__}, expected an mjModel, an mjSpec or the path of a file"
     )
-
-
-def _positive(name: str, value: float) -> float:
-    if not (isinstance(value, int | float | np.number) and np.isfinite(value) and value > 0):
-        raise InputError(f"{name}={value!r}: expected a positive number of seconds")
-    return float(value)
 
 
 # --- MuJoCo as a simulator of a study: `simulator(step)` runs the same motion at any step --------

@@ -234,8 +234,8 @@ def test_files_and_specs(tmp_path: Any) -> None:
     ("options", "words"),
     [
         ({"duration": -1.0}, "duration is -1.0; expected a positive"),
-        ({"duration": float("nan")}, "duration=nan"),
-        ({"duration": 0.1, "step": 0.0}, "step=0.0"),
+        ({"duration": float("nan")}, "duration is nan"),
+        ({"duration": 0.1, "step": 0.0}, "step is 0.0"),
         ({"duration": 0.1, "integrator": "eular"}, "did you mean 'euler'"),
         ({"duration": 0.1, "channels": "some"}, "unknown channels='some'"),
     ],

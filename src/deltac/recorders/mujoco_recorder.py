@@ -447,18 +447,7 @@ def run_mujoco(
         InputError: MuJoCo is missing, an argument is unusable, or the forces do not add up.
     """
     mujoco = simulator("mujoco", "mujoco")
-    own = copy.copy(compiled_model(model, base))
-    if step is not None:
-        own.opt.timestep = positive(step, "step")
-    if integrator is not None:
-        integrators = integrator_names()
-        if integrator not in integrators:
-            raise UnknownName(
-                f"unknown integrator {integrator!r}{closest(str(integrator), integrators)}"
-            )
-        own.opt.integrator = integrators[integrator]
-    # A reset to the initial state in the middle of a run would hide that it blew up.
-    own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    own = as_run(compiled_model(model, base), step, integrator)
     h = float(own.opt.timestep)
     steps = math.ceil(positive(duration, "duration") / h * (1.0 - SAME))
     state = mujoco.MjData(own)
@@ -483,6 +472,25 @@ def run_mujoco(
     whole = f"{duration:.9g} s is no whole number of steps of {h:.9g} s: ran {steps} of them"
     notes = {**run.provenance.notes, "duration": f"{whole}, {steps * h:.9g} s"}
     return replace(run, provenance=replace(run.provenance, notes=notes))
+
+
+def as_run(model: Model, step: float | None = None, integrator: str | None = None) -> Model:
+    """A copy of a model for a run with a step and an integrator; InputError for none."""
+    own = copy.copy(model)
+    if step is not None:
+        own.opt.timestep = positive(step, "step")
+    if integrator is not None:
+        own.opt.integrator = _integrator(integrator)
+    # A reset to the initial state in the middle of a run would hide that it blew up.
+    own.opt.disableflags |= simulator("mujoco", "mujoco").mjtDisableBit.mjDSBL_AUTORESET
+    return own
+
+
+def _integrator(name: str) -> mjtIntegrator:
+    integrators = integrator_names()
+    if name not in integrators:
+        raise UnknownName(f"unknown integrator {name!r}{closest(str(name), integrators)}")
+    return integrators[name]
 
 
 def _divides(step: float, duration: float) -> bool:
@@ -575,10 +583,7 @@ def mujoco_simulator(
         InputError: MuJoCo is missing, the integrator is unknown, or model or state cannot be used.
     """
     mujoco = simulator("mujoco", "mujoco")
-    integrators = integrator_names()
-    name = integrator.lower()
-    if name not in integrators:
-        raise UnknownName(f"unknown integrator {integrator!r}{closest(name, integrators)}")
+    _integrator(name := integrator.lower())
     own = copy.copy(compiled_model(model))
     data = mujoco.MjData(own)
     if isinstance(state, State):

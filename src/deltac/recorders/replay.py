@@ -8,7 +8,6 @@ model, or something else acted.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import LONG_LOG, SAME_STEP, SOME_ROWS, Array
 from deltac.errors import LogError
-from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, compiled_model
+from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, as_run, compiled_model
 from deltac.recorders.recorder import ENGINE, simulator
 from deltac.trajectories import Trajectory
 
@@ -77,9 +76,7 @@ def replay_mujoco(
     Raises:
         InputError: MuJoCo is missing, or the log does not fit the model or its step.
     """
-    mujoco = simulator("mujoco", "mujoco")
-    own = copy.copy(compiled_model(model, base))
-    own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    own = as_run(compiled_model(model, base))
     h = float(own.opt.timestep)
     act = np.zeros((len(t), own.na)) if act is None else act
     widths = {

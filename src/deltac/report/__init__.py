@@ -1,3 +1,1 @@
 """Pictures and pages of results, and files that appear complete or not at all."""
-
-from __future__ import annotations

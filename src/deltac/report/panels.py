@@ -196,17 +196,23 @@ def audit_errors(report: Audit) -> TimePlot:
         for name, values in ledger.delta_c.items()
         if name != report.function
     ]
-    return TimePlot(
-        "What is left of the energy balance, |ΔC|",
+    return _balance(
         ledger.t,
-        tuple(lines),
-        "J",
-        log=True,
-        guides=scales(report.tolerance * report.reference_energy, report.reference_energy),
-        note="Shaded: how far |ΔC| may be off numerically. A right log stays inside it, or far below "
+        lines,
+        report.tolerance * report.reference_energy,
+        report.reference_energy,
+        "Shaded: how far |ΔC| may be off numerically. A right log stays inside it, or far below "
         "the dashed line.",
-        tall=True,
     )
+
+
+def _balance(
+    t: Array, lines: Iterable[Line], accepted: float, reference: float, note: str = "", of: str = ""
+) -> TimePlot:
+    """Curves of |ΔC| beside what is accepted and what the system has (J)."""
+    title = f"What is left of the energy balance, |ΔC|{of}"
+    guides = scales(accepted, reference)
+    return TimePlot(title, t, tuple(lines), "J", log=True, guides=guides, note=note, tall=True)
 
 
 def scales(accepted: float, reference: float) -> tuple[Guide, ...]:
@@ -230,18 +236,11 @@ def lowest(curves: Iterable[Array]) -> float:
 
 def all_functions(ledger: Ledger) -> TimePlot:
     """|ΔC| of every testing function of a ledger, with its error bar."""
-    return TimePlot(
-        "What is left of the energy balance, |ΔC|",
-        ledger.t,
-        tuple(
-            Line(name, floored(values, ledger), ledger.error_bar[name])
-            for name, values in ledger.delta_c.items()
-        ),
-        "J",
-        log=True,
-        guides=scales(0.0, ledger.reference_energy),
-        tall=True,
+    lines = (
+        Line(name, floored(values, ledger), ledger.error_bar[name])
+        for name, values in ledger.delta_c.items()
     )
+    return _balance(ledger.t, lines, 0.0, ledger.reference_energy)
 
 
 def momentum_functions(ledger: Ledger) -> TimePlot:
@@ -378,15 +377,13 @@ def study_errors(report: Study) -> TimePlot:
         at = resampled(entry.ledger.t, y, t)
         colour = INKS[min(len(usable) - 1 - k, len(INKS) - 1)]
         lines.append(Line(named(entry, report.unit), at, bar if last else None, colour=colour))
-    return TimePlot(
-        f"What is left of the energy balance, |ΔC| ({name})",
+    return _balance(
         t,
-        tuple(lines),
-        "J",
-        log=True,
-        guides=scales(report.tolerance * report.reference_energy, report.reference_energy),
-        note="An integrator's error falls with the step; an error of the equations stays where it is.",
-        tall=True,
+        lines,
+        report.tolerance * report.reference_energy,
+        report.reference_energy,
+        "An integrator's error falls with the step; an error of the equations stays where it is.",
+        f" ({name})",
     )
 
 

@@ -262,27 +262,34 @@ def _bars(panel: Axes, plot: Bars) -> None:
 
 def _flows(panel: Axes, plot: Flows) -> None:
     """Works that went in, the energies that they changed, and what is left."""
-    places = np.arange(len(plot.flows))
-    energies, of = [f.energy for f in plot.flows], [_colour(f.colour, 0) for f in plot.flows]
-    panel.barh(places, energies, color=of, height=0.66)
-    panel.set_yticks(places, [""] * len(places))
+    words = [
+        f"{fitted(f.name, 22).splitlines()[0]}  {number(f.energy, 'J', 3)}".replace("-", "−")
+        for f in plot.flows
+    ]
+    colours = [_colour(f.colour, 0) for f in plot.flows]
+    _lying_bars(panel, [f.energy for f in plot.flows], colours, words, colours)
+    panel.set_yticks(range(len(words)), [""] * len(words))
     panel.tick_params(axis="y", length=0)
-    for place, flow, colour in zip(places, plot.flows, of):
-        look: dict[str, Any] = {"va": "center", "fontsize": SMALL_TEXT, "annotation_clip": False}
-        panel.annotate(
-            f"{fitted(flow.name, 22).splitlines()[0]}  {number(flow.energy, 'J', 3)}".replace(
-                "-", "−"
-            ),
-            (1.01, place),
-            xycoords=panel.get_yaxis_transform(),
-            color=colour,
-            **look,
-        )
     panel.invert_yaxis()
     panel.axvline(0.0, color=GREY, linewidth=0.8)
     panel.grid(visible=False, axis="y")
     panel.set_title(plot.title)
     panel.set_xlabel("energy (J)")
+
+
+def _lying_bars(
+    panel: Axes,
+    sizes: Sequence[float],
+    colours: Sequence[str],
+    words: Sequence[str],
+    inks: Sequence[str],
+) -> None:
+    """A bar for each size, one below the other, its words beside the axes."""
+    panel.barh(range(len(sizes)), sizes, color=colours, height=0.66)
+    look: dict[str, Any] = {"va": "center", "fontsize": SMALL_TEXT, "annotation_clip": False}
+    across = panel.get_yaxis_transform()
+    for place, (text, ink) in enumerate(zip(words, inks)):
+        panel.annotate(text, (1.01, place), xycoords=across, color=ink, **look)
 
 
 def _guides(panel: Axes, guides: Sequence[Guide], unit: str, *, upright: bool = False) -> None:
@@ -360,20 +367,11 @@ def _explanation(report: Explanation) -> Figure:
     causes = report.causes
     drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", right=LEGEND_WIDTH)
     panel = drawing.subplots()
-    places = np.arange(len(causes))
-    panel.barh(places, [100.0 * c.share for c in causes], color=BAD, height=0.6)
-    panel.set_yticks(places, [str(k + 1) for k in places])
+    words, count = [fitted(f"{c.kind} {c.element}") for c in causes], len(causes)
+    _lying_bars(panel, [100.0 * c.share for c in causes], [BAD] * count, words, [INK] * count)
+    panel.set_yticks(range(count), [str(k + 1) for k in range(count)])
     panel.set_ylim(max(len(causes), 2) - 0.4, -0.6)
     panel.set_xlim(0.0, 100.0)
-    for place, cause in zip(places, causes):
-        panel.annotate(
-            fitted(f"{cause.kind} {cause.element}"),
-            (1.01, place),
-            xycoords=panel.get_yaxis_transform(),
-            va="center",
-            fontsize=SMALL_TEXT,
-            annotation_clip=False,
-        )
     panel.set_title(f"Together they explain {percent(report.explained)} of the squared residual")
     panel.set_xlabel("share that the cause alone explains of what the others leave (%)")
     panel.set_ylabel("cause")

@@ -1,3 +1,1 @@
 """Which few physical causes explain what a log leaves of its model's equations of motion."""
-
-from __future__ import annotations

@@ -1,3 +1,1 @@
 """What users hand over (models, logs, equations), resolved and checked at the door."""
-
-from __future__ import annotations

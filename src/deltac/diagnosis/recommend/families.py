@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -222,7 +221,7 @@ def _mujoco(
     controller: Control | None,
     deadline: Deadline,
 ) -> Family:
-    from deltac.recorders.mujoco_recorder import integrator_names, mujoco_simulator
+    from deltac.recorders.mujoco_recorder import as_run, mujoco_simulator
 
     recorded = mujoco_simulator(
         source, duration, integrator=integrator, controller=controller, state=state
@@ -233,11 +232,7 @@ def _mujoco(
         import mujoco
 
         deadline.begin()
-        model = copy.copy(recorded.model)
-        model.opt.timestep = step
-        model.opt.integrator = integrator_names()[recorded.integrator]
-        # A reset in the middle of a run would hide that it blew up.
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        model = as_run(recorded.model, step, recorded.integrator)
         data = mujoco.MjData(model)
         mujoco.mj_copyData(data, model, recorded.data)
         start = data.time

@@ -1,3 +1,1 @@
 """Equations of motion in rate form: at chosen states, and at the samples of a log."""
-
-from __future__ import annotations

@@ -1,3 +1,1 @@
 """Motions known at samples: what lies between them, and integrals along them with an error bar."""
-
-from __future__ import annotations

@@ -1,3 +1,1 @@
 """Events within a run: where they are found, what impacts do, and the run from one to the next."""
-
-from __future__ import annotations

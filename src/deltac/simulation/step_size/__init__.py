@@ -1,3 +1,1 @@
 """What a step may be: time scales of a mechanism, and the stability of a solver."""
-
-from __future__ import annotations

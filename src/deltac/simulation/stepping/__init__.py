@@ -1,3 +1,1 @@
 """Steps in time: one protocol, one loop, one file for each family of solvers."""
-
-from __future__ import annotations

@@ -1,3 +1,1 @@
 """Implicit fixed-step solvers: equations of motion unsolved, one step as equations, Newton's method."""
-
-from __future__ import annotations

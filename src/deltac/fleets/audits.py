@@ -156,13 +156,13 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     for one in map(str, many):
         if "://" in one:
             logs_found += _remote(one)
-        elif os.path.isdir(one) and not is_log_folder(Path(one)):
+        elif _is_folder(one):
             for path in sorted(p for p in Path(one).iterdir() if p.name[0] != "."):
                 if _is_log(path):
                     logs_found.append(str(path))
                 else:
                     skipped.append(f"{path}/" if path.is_dir() else str(path))
-        elif globbing.has_magic(one) and not os.path.exists(one):
+        elif _is_pattern(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
                 raise FileError(f"{one}: no file matches; quote the pattern, and check its folder")
@@ -193,12 +193,15 @@ def _is_log(path: Path) -> bool:
 
 def is_fleet(logs: Sequence[str]) -> bool:
     """Whether these are a folder of logs, a pattern, or in a store, and so a fleet even if they are few."""
-    return any(
-        "://" in one
-        or (os.path.isdir(one) and not is_log_folder(Path(one)))
-        or (globbing.has_magic(one) and not os.path.exists(one))
-        for one in logs
-    )
+    return any("://" in one or _is_folder(one) or _is_pattern(one) for one in logs)
+
+
+def _is_folder(one: str) -> bool:
+    return os.path.isdir(one) and not is_log_folder(Path(one))
+
+
+def _is_pattern(one: str) -> bool:
+    return globbing.has_magic(one) and not os.path.exists(one)
 
 
 def _remote(url: str) -> list[str]:
@@ -331,9 +334,7 @@ class AuditPlan(Plan):
         """The audit of one log, or of one episode."""
         from deltac import audit
 
-        if address not in self.addresses:
-            raise UnknownName(f"address {address}: there is no such log")
-        task, log = self.task, self.logs[self.addresses.index(address)]
+        task, log = self.task, self.logs[self.place(address)]
         (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
         if isinstance(run, InputError):
             raise run

@@ -34,7 +34,7 @@ from deltac.constraints import (
 )
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.importers.report import ImportReport, Remark
-from deltac.importers.urdf import xml_root
+from deltac.importers.urdf import MOMENTS, inertia_tensor, xml_root
 from deltac.joints import Joint
 from deltac.mechanism import GROUND, Holonomic, JointOptions, Loop, Mechanism
 
@@ -45,7 +45,6 @@ SDF_JOINTS = ("revolute", "continuous", "prismatic", "ball", "universal", "screw
 LOOPS = ("revolute", "continuous", "prismatic", "ball", "universal", "fixed")
 """Kinds of joints that can close a loop."""
 
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _WORLD, _MODEL = ("world", "__root__"), ("__model__", "")
 
 Pose = tuple[Array, Array]
@@ -220,16 +219,13 @@ class _SdfReader:
         if inertial is None:
             self.assumed.append(Remark(name, "no <inertial>: 1 kg and 1 kg·m², SDFormat's default"))
         default = dict.fromkeys(("ixx", "iyy", "izz"), 1.0)
-        xx, xy, xz, yy, yz, zz = (
+        values = (
             default.get(key, 0.0)
             if moments is None
             else self.number(moments, key, default.get(key, 0.0), where)
-            for key in _MOMENTS
+            for key in MOMENTS
         )
-        tensor = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
-        return body(
-            name, mass=mass, inertia=((tensor + tensor.T) / 2).tolist(), mass_centre=centre.tolist()
-        )
+        return body(name, mass=mass, inertia=inertia_tensor(values, R), mass_centre=centre.tolist())
 
     def carried(self, link: str, name: str | None, static: bool) -> Joint:
         """The joint that carries a link; a root floats freely, or stands if the model is static."""

@@ -87,10 +87,7 @@ def _body(model: Any, i: int, name: str) -> Body:
     mass = float(model.body_mass[i])
     if mass == 0.0:
         return frame(name)
-    inertia = _inertia(model, i)
-    for k in range(i + 1, model.nbody):
-        if int(model.body_parentid[k]) == i:
-            inertia = inertia + _inertia_without_mass(model, k)
+    inertia = _inertia_carried(model, i)
     return body(name, mass, ((inertia + inertia.T) / 2).tolist(), model.body_ipos[i].tolist())
 
 
@@ -126,16 +123,15 @@ def _inertia(model: Any, i: int) -> Array:
     return axes @ np.diag(np.array(model.body_inertia[i], dtype=np.float64)) @ axes.T
 
 
-def _inertia_without_mass(model: Any, i: int) -> Array:
-    """What a body that is fixed to its parent and has no mass adds to the parent, in the parent's axes."""
-    if model.body_jntnum[i] or model.body_mass[i] > 0.0:
-        return np.zeros((3, 3))
+def _inertia_carried(model: Any, i: int) -> Array:
+    """The same, with that of bodies that are fixed to it and have no mass."""
     inertia = _inertia(model, i)
     for k in range(i + 1, model.nbody):
-        if int(model.body_parentid[k]) == i:
-            inertia = inertia + _inertia_without_mass(model, k)
-    rotated = turned(model.body_quat[i])
-    return rotated @ inertia @ rotated.T
+        fixed = int(model.body_parentid[k]) == i and not model.body_jntnum[k]
+        if fixed and not model.body_mass[k] > 0.0:
+            rotated = turned(model.body_quat[k])
+            inertia = inertia + rotated @ _inertia_carried(model, k) @ rotated.T
+    return inertia
 
 
 def _lost(model: Any, i: int) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from deltac.foreign.limits import Limits
 from deltac.importers.report import Remark
 
 _SHAPES = ("visual", "collision")
-_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _COMPILER_OWN = {"inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass"}
 _ROUNDING = (
@@ -103,7 +103,7 @@ class Urdf:
                 inertial = ElementTree.SubElement(link, "inertial")
                 ElementTree.SubElement(inertial, "mass", value="1")
                 ElementTree.SubElement(
-                    inertial, "inertia", {k: "01"[k[1] == k[2]] for k in _MOMENTS}
+                    inertial, "inertia", {k: "01"[k[1] == k[2]] for k in MOMENTS}
                 )
         return ElementTree.tostring(root, encoding="unicode")
 
@@ -178,10 +178,17 @@ def _inertia(link: ElementTree.Element, where: str) -> LinkInertia:
         raise ModelError(f"{where}: the mass is {m:g} kg, expected 0 or more")
     x, y, z = numbers(origin, "xyz", 3, f"{where}: origin of the inertia")
     turn = rotations.roll_pitch_yaw(*numbers(origin, "rpy", 3, f"{where}: angles of the inertia"))
-    xx, xy, xz, yy, yz, zz = (numbers(inertia, k, 1, f"{where}: {k}")[0] for k in _MOMENTS)
-    tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    rows = ((tensor + tensor.T) / 2).tolist()
+    moments = (numbers(inertia, k, 1, f"{where}: {k}")[0] for k in MOMENTS)
+    rows = inertia_tensor(moments, turn)
     return LinkInertia(m, (x, y, z), tuple(tuple(row) for row in rows))
+
+
+def inertia_tensor(moments: Iterable[float], turn: Array) -> list[list[float]]:
+    """The tensor of a link by its `MOMENTS` in axes that are turned in the link's."""
+    xx, xy, xz, yy, yz, zz = moments
+    tensor = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    rows: list[list[float]] = ((tensor + tensor.T) / 2).tolist()
+    return rows
 
 
 def numbers(element: ElementTree.Element | None, key: str, count: int, where: str) -> list[float]:

@@ -65,6 +65,12 @@ BY_LAW = "by the laws of prescribed joints"
 MAPPINGS = ("coordinates", "strengths", "derived", "notes")
 """Fields of a provenance that are mappings."""
 
+_TEXTS = (
+    *("solver", "model", "model_hash", "message", "ended", "equations", "corrected", "singular"),
+    *("inputs", "stage", "reading"),
+)
+"""Fields of a provenance that are texts."""
+
 
 ORIGIN = (0.0, 0.0, 0.0)
 
@@ -137,12 +143,6 @@ class Provenance:
     def __post_init__(self) -> None:
         if not isinstance(self.simulator, str) or not self.simulator:
             raise _unfit("simulator", self.simulator, "a name")
-        for name in ("solver", "model", "model_hash"):
-            value = getattr(self, name)
-            if not isinstance(value, str | None):
-                raise _unfit(name, value, "text or None")
-        if not isinstance(self.message, str):
-            raise _unfit("message", self.message, "text")
         if not isinstance(self.completed, bool | np.bool_):
             raise _unfit("completed", self.completed, "True or False")
         if not isinstance(self.notes, Mapping) or not all(
@@ -155,9 +155,10 @@ class Provenance:
             raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
         _set(self, "energy_error", _positive("energy_error", self.energy_error, zero=True))
-        for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
-            if not isinstance(getattr(self, name), str):
-                raise _unfit(name, getattr(self, name), "text")
+        for name in _TEXTS:
+            value, default = getattr(self, name), getattr(Provenance, name)
+            if not isinstance(value, str) and (value is not None or default is not None):
+                raise _unfit(name, value, "text or None" if default is None else "text")
         for name in ("held", "looked_for", "acted", "converted", "ignored", "guessed", "repairs"):
             values = getattr(self, name)
             if values is None and name == "held":

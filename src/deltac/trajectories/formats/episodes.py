@@ -9,6 +9,7 @@ import numpy as np
 
 from deltac.errors import LogError, listed
 from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.trajectory import FloatArray
 
 COLUMNS = ("episode", "episode_index", "episode_id", "demo", "trial", "trajectory_id")
 """Columns that number the episodes of rows: deltac's and Gymnasium's, LeRobot's, …."""
@@ -35,23 +36,12 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
         return {}
     for column in COLUMNS:
         if column in raw.columns:
-            number = raw.columns[column]
-            others = {n: c for n, c in raw.columns.items() if n != column and len(c) == len(number)}
-            return {
-                f"{value:g}": replace(
-                    raw, columns={n: c[number == value] for n, c in others.items()}
-                )
-                for value in dict.fromkeys(number.tolist())
-            }
+            return _by_number(raw, raw.columns[column], column)
     ends = [raw.columns[c] for c in raw.columns if c.rpartition("/")[2].lower() in ENDS]
     if ends and len({len(end) for end in ends}) == 1:
         number = np.concatenate([[0], np.cumsum(np.any(np.array(ends) == 1.0, axis=0))[:-1]])
         if number[-1] and np.bincount(number).min() > 1:
-            others = {n: c for n, c in raw.columns.items() if len(c) == len(number)}
-            return {
-                str(value): replace(raw, columns={n: c[number == value] for n, c in others.items()})
-                for value in range(int(number[-1]) + 1)
-            }
+            return _by_number(raw, number)
     groups: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
     for name, values in raw.columns.items():
         if match := EPISODE_GROUP.match(name):
@@ -67,6 +57,15 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
             scalars={n.removeprefix(before): x for n, x in raw.scalars.items()},
         )
         for name, (before, columns) in groups.items()
+    }
+
+
+def _by_number(raw: RawLog, number: FloatArray, column: str = "") -> dict[str, RawLog]:
+    """The rows with each number (T,), which a `column` may hold."""
+    others = {n: c for n, c in raw.columns.items() if n != column and len(c) == len(number)}
+    return {
+        f"{value:.15g}": replace(raw, columns={n: c[number == value] for n, c in others.items()})
+        for value in dict.fromkeys(number.tolist())
     }
 
 

@@ -253,14 +253,9 @@ class RowBalance:
                 self.potential[name],
                 works[in_time[name]] if name in in_time else None,
                 self.growth,
-                room,
             )
-            for name, room in zip(names, self._room(len(names)))
+            for name in names
         }
-
-    def _room(self, count: int) -> Iterator[Array]:
-        """Memory for two columns each of so many, in one piece: it comes in large pages so."""
-        yield from np.empty((count, 2, len(self.rows)))
 
     @cached_property
     def delta_c(self) -> dict[str, Work]:
@@ -380,13 +375,8 @@ class RowBalance:
         impulses = [self.jumped.momentum.get(name) for name in kernels.momenta]
         impulses += [*self.jumped.speeds.T] or [None] * len(kernels.speeds)
         departures = list[Work]()
-        for k, (p, rate, impulse, (departure, rounding)) in enumerate(
-            zip(
-                self.outputs["momentum"],
-                self.sums("force"),
-                impulses,
-                self._room(len(names)),
-            )
+        for k, (p, rate, impulse) in enumerate(
+            zip(self.outputs["momentum"], self.sums("force"), impulses)
         ):
             flowed, bar = rate.value, rate.bar
             integral = run.integrals.get(f"{MOMENTUM} {names[k]}")
@@ -394,11 +384,8 @@ class RowBalance:
                 flowed, bar = integral - integral[0], np.zeros(len(p))
             if impulse is not None:
                 flowed = flowed + impulse
-            np.subtract(p, p[0], out=departure)
-            departure -= flowed  # of long logs each new column costs as much as what is computed
-            np.multiply(self.growth, EPS * (largest(p) + largest(flowed)), out=rounding)
-            rounding += bar
-            departures.append(Work(departure, rounding))
+            rounding = self.growth * (EPS * (largest(p) + largest(flowed)))
+            departures.append(Work(p - p[0] - flowed, rounding + bar))
         return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
     @cached_property

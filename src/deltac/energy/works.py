@@ -39,21 +39,15 @@ class Work:
     way: str = "samples"
 
     @staticmethod
-    def exact(
-        value: Array,
-        way: str,
-        size: float = 0.0,
-        growth: Array | None = None,
-        out: Array | None = None,
-    ) -> Work:
+    def exact(value: Array, way: str, size: float = 0.0, growth: Array | None = None) -> Work:
         """A work known but for rounding.
 
         `size` is that of the numbers it is a difference of; `growth` is `growth_of_rounding` at the samples,
-        if they are not all of the run or it is known already; the bar is written to `out`.
+        if they are not all of the run or it is known already.
         """
         if growth is None:
             growth = growth_of_rounding(np.arange(len(value)))
-        return Work(value, np.multiply(growth, EPS * (largest(value) + size), out=out), way)
+        return Work(value, growth * (EPS * (largest(value) + size)), way)
 
     def at(self, rows: slice) -> Work:
         """The same at some of the samples."""
@@ -73,12 +67,9 @@ def largest(x: Array) -> float:
     return max(float(x.max()), -float(x.min()))
 
 
-def of_potential(V: Array, explicit: Work | None, growth: Array, room: Array) -> Work:
-    """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero.
-
-    Work and bar take the `room` (2, T).
-    """
-    lost = Work.exact(np.subtract(V[0], V, out=room[0]), "potential", largest(V), growth, room[1])
+def of_potential(V: Array, explicit: Work | None, growth: Array) -> Work:
+    """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero."""
+    lost = Work.exact(V[0] - V, "potential", largest(V), growth)
     return lost if explicit is None else lost + explicit
 
 

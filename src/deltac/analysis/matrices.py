@@ -488,9 +488,9 @@ class _Instant:
             about = moment + np.cross(centre - place, force)
             reactions.append((place, force, about))
             if parent in carried:
-                beyond, moment, centre = carried[parent]
+                force_beyond, moment, centre = carried[parent]
                 moment = moment + about + np.cross(place - centre, force)
-                carried[parent] = beyond + force, moment, centre
+                carried[parent] = force_beyond + force, moment, centre
         places, forces, moments = (np.array(x).reshape(-1, 3) for x in zip(*reversed(reactions)))
         return places, forces, moments
 

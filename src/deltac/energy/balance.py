@@ -186,7 +186,7 @@ class RowBalance:
     def outputs(self) -> dict[str, Array]:
         """Outputs of the kernel at the rows, by name."""
         places = self.kernels.at_samples.output_slices.items()
-        return {name: self.columns.known[where] for name, where in places}
+        return {name: self.columns.outputs[where] for name, where in places}
 
     @cached_property
     def energies(self) -> Energies:
@@ -484,9 +484,9 @@ def _recorded(run: Trajectory) -> frozenset[ChannelName]:
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
     """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
     noted = run.provenance.coordinates
-    taken = CoordinateMap(**noted) if noted else None
-    if (taken and taken.digest) != (coordinates and coordinates.digest):
-        own = f"in the own speeds {', '.join(taken.speeds)}" if taken else ""
+    map_of_run = CoordinateMap(**noted) if noted else None
+    if (map_of_run and map_of_run.digest) != (coordinates and coordinates.digest):
+        own = f"in the own speeds {', '.join(map_of_run.speeds)}" if map_of_run else ""
         of = own or "in the mechanism's speeds"
         raise ModelError(
             f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "

@@ -63,13 +63,13 @@ HALO = 4 * (SAMPLED // 2)
 class RowValues:
     """What kernels and quadrature say of the rows of a ledger, whichever way they were taken.
 
-    `known` are the outputs of the kernel at the `rows` (n, k), places in the run, `integral` the integrals of
+    `outputs` are those of the kernel at the `rows` (n, k), places in the run, `integral` the integrals of
     its last outputs. Over all rows of the run were taken: the `least` and `largest` K2, K1, K0, V and K; in
     one pass also `flow`, ∫|P| dt of each channel (J), and `size`, ∫|·| dt of each of those last outputs.
     """
 
     rows: NDArray[np.intp]
-    known: Array
+    outputs: Array
     integral: Integral
     least: Array
     largest: Array

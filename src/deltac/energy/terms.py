@@ -297,12 +297,13 @@ def ledger_kernels(
         if not recorded:
             return all_terms
         # In the order of the channels: kernels are kept by their text, and that of sets is by chance.
-        known = {n: power[n] for n in power if n in recorded}
+        recorded_powers = {n: power[n] for n in power if n in recorded}
         return replace(
             all_terms,
-            force_power=all_terms.force_power - sum([*known.values(), *conservative.values()]),
+            force_power=all_terms.force_power
+            - sum([*recorded_powers.values(), *conservative.values()]),
             nonpotential_power=all_terms.nonpotential_power
-            - sum(p for n, p in known.items() if n not in potential),
+            - sum(p for n, p in recorded_powers.items() if n not in potential),
         )
 
     P = {

@@ -155,8 +155,8 @@ class _SdfReader:
             gravity=gravity,
             name=self.model.get("name") or self.file,
         )
-        moving = sum(bool(joint.speeds) for joint in joints)
-        read = [Remark("tree", f"{len(self.links)} links, {moving} moving joints")]
+        mobile = sum(bool(joint.speeds) for joint in joints)
+        read = [Remark("tree", f"{len(self.links)} links, {mobile} moving joints")]
         read += [
             Remark(loop.name, "joint that closes a loop, an exact constraint") for loop in loops
         ]

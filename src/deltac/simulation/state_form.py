@@ -215,17 +215,17 @@ def declared_order(
     places |= {name: k for k, name in enumerate(coordinates)}
     places |= {f"q.{name}": k for k, name in enumerate(coordinates)}
     places |= {f"u.{name}": k for k, name in enumerate(speeds, nq)}
-    found = []
+    order_places = []
     for name in order:
         if name not in places:
             raise UnknownName(f"order: unknown entry {name!r}{closest(str(name), names)}")
-        found.append(places[name])
-    if sorted(found) != list(range(nq + nu)):
-        twice = next((names[k] for k in found if found.count(k) > 1), None)
-        missing = [names[k] for k in range(nq + nu) if k not in found]
+        order_places.append(places[name])
+    if sorted(order_places) != list(range(nq + nu)):
+        twice = next((names[k] for k in order_places if order_places.count(k) > 1), None)
+        missing = [names[k] for k in range(nq + nu) if k not in order_places]
         what = f"{twice!r} is given twice" if twice else f"{listed(missing)} is missing"
         raise SourceError(f"order: {what}; expected each of {listed(names)} once")
-    return tuple(found)
+    return tuple(order_places)
 
 
 def state_names(coordinates: Sequence[str], speeds: Sequence[str]) -> list[str]:

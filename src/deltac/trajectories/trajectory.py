@@ -487,9 +487,9 @@ class Trajectory(Shown, Once):
             raise InputError(
                 f"rows: found {interpolated}; expected at least one, in ascending order"
             )
-        taken = column_by_column([self], lambda columns: columns[0][rows])
-        first, last = taken.t[0], taken.t[-1]
-        return replace(taken, events=tuple(e for e in self.events if first <= e.t <= last))
+        part = column_by_column([self], lambda columns: columns[0][rows])
+        first, last = part.t[0], part.t[-1]
+        return replace(part, events=tuple(e for e in self.events if first <= e.t <= last))
 
     @classmethod
     def from_scipy(

@@ -338,8 +338,8 @@ def simplest_failure(
 
     def at(state: States) -> tuple[EquationTest, Array, Array]:
         """The equations at a state, the accelerations given there, and what they miss, relative (n,)."""
-        there, given = EquationTest(test.kane, state, strict=False), caller(state)
-        return there, given[:, 0], _missed(there, given)[:, 0] / typical
+        equations, accelerations = EquationTest(test.kane, state, strict=False), caller(state)
+        return equations, accelerations[:, 0], _missed(equations, accelerations)[:, 0] / typical
 
     def fails(state: States) -> bool:
         """Whether the state is admissible and an equation misses there by more than is to be shown."""
@@ -363,12 +363,12 @@ def simplest_failure(
             if (gain > 0 or (gain == 0 and values is PLAIN)) and fails(trial):
                 state = trial
                 break
-    there, given, missed = at(state)
+    equations, accelerations, missed = at(state)
     worst = int(np.argmax(missed / shown))
     return Example(
         state=state.describe(0),
-        given=dict(zip(test.speeds, map(float, given))),
-        right=dict(zip(test.speeds, map(float, there.acceleration[:, 0]))),
+        given=dict(zip(test.speeds, map(float, accelerations))),
+        right=dict(zip(test.speeds, map(float, equations.acceleration[:, 0]))),
         speed=test.speeds[worst],
         relative=float(missed[worst]),
     )

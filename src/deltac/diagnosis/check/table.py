@@ -127,8 +127,8 @@ def check_table(
     _finite(path, names, rows)
     _finite(path, outputs, udot)
     rates = [f"qdot.{name}" for name in kane.user_names]
-    known = all(name in columns for name in rates)
-    qdot = np.array([columns[name] for name in rates]) if known else udot[:0]
+    complete = all(name in columns for name in rates)
+    qdot = np.array([columns[name] for name in rates]) if complete else udot[:0]
     test = EquationTest(kane, states)
     return check_states(
         test, udot, qdot, name=Path(path).name, tolerance=tolerance, rounding=_rounding(udot)

@@ -88,8 +88,8 @@ def explanation_of(
 def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     """The causes of a set, those through which most energy flows first."""
     slowest = np.sqrt(inference.tau)
-    left = inference.blocks[0].projected.left
-    causes = _causes(inference.model.mechanism, fit, left, lambda k: fit.deviation(k) * slowest)
+    residual = inference.blocks[0].projected.left
+    causes = _causes(inference.model.mechanism, fit, residual, lambda k: fit.deviation(k) * slowest)
     if fit is inference.posterior.best:
         energies = zip(causes, inference.energy, inference.exchanged)
         causes = [replace(c, energy=float(e), exchanged=float(x)) for c, e, x in energies]
@@ -106,16 +106,16 @@ def _explained(fit: Fit, unexplained: Callable[[Array], float]) -> float:
 def _causes(
     mechanism: Mechanism,
     fit: Fit,
-    left: Callable[[Array], float],
+    residual: Callable[[Array], float],
     errors: Callable[[int], Array],
 ) -> list[Cause]:
     """The causes of a set: numbers, their standard errors, shares of the residual, and odds."""
     causes = []
-    total = left(nothing(len(fit.coefficients)).coefficients)
+    total = residual(nothing(len(fit.coefficients)).coefficients)
     for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
         others = fit.coefficients.copy()
         np.subtract.at(others, list(c.columns), fit.of(k))
-        share, error = (left(others) - left(fit.coefficients)) / total, errors(k)
+        share, error = (residual(others) - residual(fit.coefficients)) / total, errors(k)
         causes.append(
             Cause(
                 c.kind,

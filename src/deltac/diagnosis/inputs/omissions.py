@@ -189,9 +189,9 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
     if not hits:
         return None
     of_a_step = np.median(np.abs(np.diff(run.u, axis=0)).max(axis=1))
-    found = _impacts_told(events, hits, float(np.median(free)), float(of_a_step))
+    finding = _impacts_told(events, hits, float(np.median(free)), float(of_a_step))
     rows = replace(run, udot=None, works={}, integrals={}, events=tuple(events))
-    return None if found is None else (rows, found)
+    return None if finding is None else (rows, finding)
 
 
 def _impacts_told(

@@ -157,8 +157,8 @@ def compare(
     otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
     # Of rates that decay evenly a delay of a row does the same.
     along = np.vecdot(I, L) / np.vecdot(I, I)
-    apart = _sizes(L - along[:, None] * I)
-    alike = np.where(apart < ROUGHLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
+    remainder = _sizes(L - along[:, None] * I)
+    alike = np.where(remainder < ROUGHLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     most = OWN_QUADRATURE + ON_A_CIRCLE * projected

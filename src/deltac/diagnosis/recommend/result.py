@@ -171,10 +171,10 @@ def _explained(advice: Recommendation) -> list[str]:
             "in which energy flows."
         ]
     if best is None:
-        tried = [t for t in advice.trials if math.isfinite(t.energy)]
+        finite = [t for t in advice.trials if math.isfinite(t.energy)]
         line = f"Nothing that was tried keeps a tolerance of {advice.tolerance:g}"
-        if tried:
-            nearest = min(tried, key=lambda t: t.excess(*asked))
+        if finite:
+            nearest = min(finite, key=lambda t: t.excess(*asked))
             line += f"; {nearest.solver} at {setting_of(nearest)}, which "
             line += failing(nearest, *asked)
         return [

@@ -187,8 +187,8 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
 
             q = onto_positions(kane.motion, t_here, q, further=ahead)
             _, phi, _, G, _ = kane.motion.ties(t_here, q, still)
-            left, slope = ahead(q)
-            violation = np.abs(np.concatenate([phi[holonomic], left])).max(axis=0)
+            residual, slope = ahead(q)
+            violation = np.abs(np.concatenate([phi[holonomic], residual])).max(axis=0)
             good &= violation < ASSEMBLED
             good &= _well_conditioned(np.concatenate([G[:, holonomic], slope], axis=1))
     return q, good

@@ -109,15 +109,15 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     for number in sorted(values, reverse=True):
         close = distinct and distinct[-1] / number < 1.0 + ROUGHLY
         (dropped if close else distinct).append(number)
-    given, close_ones = (", ".join(f"{x:g}" for x in some) for some in (values, dropped))
+    all_steps, close_ones = (", ".join(f"{x:g}" for x in some) for some in (values, dropped))
     if dropped and len(distinct) == 1:
         raise InputError(
-            f"{what}s {given} do not refine each other: give three, each half of the previous one"
+            f"{what}s {all_steps} do not refine each other: give three, each half of the previous one"
         )
     finding = Finding(
         "steps-do-not-refine",
         f"{close_ones}: too close to the {what} before, and left out",
-        f"given: {given}",
+        f"given: {all_steps}",
         "Make each half of the previous one",
     )
     return tuple(distinct), [finding] if dropped else []

@@ -58,7 +58,7 @@ CACHED_NUMBERS = 1 << 15
 
 
 def lagrange(samples: Samples, sampled: Array) -> Array:
-    """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
+    """∫ from the first sample on (m, T) of polynomials through the powers `sampled` (m, T) there."""
     t, window = samples.clock, min(SAMPLED, len(samples.t))
     total = np.empty_like(sampled)
     if len(t) >= SAMPLED and samples.even:
@@ -134,8 +134,8 @@ def _lagrange(t: Array, powers: Array, window: int, sums: Array) -> None:
         size = stop - start
         x = np.empty((kernel.n_in, size))
         window_times(t, start, first, x[:window], x[window:])
-        seen = (powers[:, first + j : first + j + size] for j in range(window))
-        block = sum(w * values for w, values in zip(kernel.flat(x), seen))
+        windows = (powers[:, first + j : first + j + size] for j in range(window))
+        block = sum(w * values for w, values in zip(kernel.flat(x), windows))
         block[:, 0] += sums[:, start]
         np.cumsum(block, axis=1, out=sums[:, start + 1 : stop + 1])
 
@@ -149,7 +149,7 @@ def hermite(
 ) -> Array:
     """∫ over the interval before each sample (m, T): Lobatto's rule along motions interpolated in a window.
 
-    `known` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
+    `sampled` are the powers (m, T) at the samples, which are the outer nodes; `rates` names what the powers
     need rates of.
     """
     t, window = samples.clock, min(window, len(samples.t))
@@ -284,16 +284,16 @@ def integrate(
 
 
 def _chosen(
-    samples: Samples, powers: Powers, known: Array, rated: Collection[str], leading: slice
+    samples: Samples, powers: Powers, sampled: Array, rated: Collection[str], leading: slice
 ) -> Integral:
     """The integral by the rule with the smallest bars."""
-    thinned = {1: (samples, known)}
+    thinned = {1: (samples, sampled)}
     steps = (2,) if samples.derived else (2, 4)
     for n in steps if len(samples.t) >= THINNED else ():
         thin = samples.every(n)
         # Derived rates are others when samples are left out, and so is what was held.
         anew = samples.derived or samples.held
-        thinned[n] = thin, at_samples(thin, powers, rated) if anew else known[:, ::n]
+        thinned[n] = thin, at_samples(thin, powers, rated) if anew else sampled[:, ::n]
 
     def interpolated(window: int) -> _Rule:
         return _Rule(
@@ -305,14 +305,14 @@ def _chosen(
 
     first = None
     if len(samples.t) > 4 * SAMPLED and not samples.held:
-        sampled = _Rule(
+        by_samples = _Rule(
             "samples",
             SAMPLED,
             SAMPLED,
             lambda s, at: lagrange(s, np.ascontiguousarray(at)),
         )
-        first = _estimated(sampled, thinned, leading)
-        flow = max(np.trapezoid(np.abs(row), samples.t) for row in known[leading])
+        first = _estimated(by_samples, thinned, leading)
+        flow = max(np.trapezoid(np.abs(row), samples.t) for row in sampled[leading])
         if exact_to_rounding(first.bar[-1, leading].max(), flow, len(samples.t)):
             return first
     high, low = (_estimated(interpolated(window), thinned, leading) for window in (4, 2))

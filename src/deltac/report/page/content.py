@@ -251,18 +251,18 @@ def _(report: EquationCheck, context: Beside) -> Page:
     repairs = [other for other in context.more if isinstance(other, Repair)]
     fixed = [fix for repair in repairs for fix in repair.fixes]
     evidence: list[Part] = [_rests_on(report), residuals(report)]
-    where = [_sentence(f"{found}.") for found in report.blame[:SHOWN]]
+    where = [_sentence(f"{blame}.") for blame in report.blame[:SHOWN]]
     if report.example is not None:
         where.append(f"{report.example}.")
     chapters = [Chapter("The evidence", (*_two(report, context), *evidence))]
     if fixed:
-        found = fixed[0]
+        edit = fixed[0]
         sentences = [
             part for repair in repairs for part in repair.sections() if isinstance(part, str)
         ]
         words = Words("The edit that makes it right", tuple(map(_sentence, sentences)))
         diff = CodeListing(
-            f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True
+            f"{edit.file}, line {', '.join(map(str, edit.lines))}", edit.diff, diff=True
         )
         chapters.append(Chapter("What is wrong, and the correction", (words, diff)))
     if where:

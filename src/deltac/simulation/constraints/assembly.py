@@ -119,7 +119,7 @@ def _massless(equations: EquationsOfMotion, M: Array) -> str:
 
 def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
     """Which free speeds must not move the pinned coordinates."""
-    held = np.zeros(len(mechanism.free.u), dtype=bool)
+    fixed = np.zeros(len(mechanism.free.u), dtype=bool)
     place = {int(index): k for k, index in enumerate(mechanism.free.u)}
     for name in pinned:
         entry = mechanism.coordinates[name]
@@ -133,8 +133,8 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
         else:
             vector_part = range(u_slice.start + within, u_slice.start + within + 1)
         for index in vector_part:
-            held[place[index]] = True
-    return held
+            fixed[place[index]] = True
+    return fixed
 
 
 def _unmet(

@@ -66,8 +66,8 @@ class SingularMotion:
         powers = flow.powers(all_terms, forces, Reactions(driving, lam), bound)
         inputs = [flow.t, flow.x, system.p, system.udot, lam, unbounded]
         self._powers = ca.Function("P", inputs, [powers])
-        seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
-        self._seen = ca.Function("seen", inputs, [ca.densify(value) for value in seen])
+        observed = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
+        self._seen = ca.Function("seen", inputs, [ca.densify(value) for value in observed])
 
     def rate(self, t: float, x: Array) -> Array:
         """ẋ; raises LinAlgError where it is not finite."""

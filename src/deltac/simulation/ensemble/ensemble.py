@@ -295,13 +295,13 @@ class _Result:
         self, k: int, own: NDArray[np.intp], t: float, x: Array, p: Array, alive: NDArray[np.bool_]
     ) -> None:
         """Write the k-th record of members `own`; those not alive become NaN."""
-        seen = self.observe.flat(np.concatenate([np.full((1, x.shape[1]), t), x]), p)
-        seen[:, ~alive] = math.nan
-        seen = seen[:, : len(own)]
+        values_now = self.observe.flat(np.concatenate([np.full((1, x.shape[1]), t), x]), p)
+        values_now[:, ~alive] = math.nan
+        values_now = values_now[:, : len(own)]
         parts = self.observe.output_slices
-        self.q[k, own], self.u[k, own] = seen[parts["q"]].T, seen[parts["u"]].T
+        self.q[k, own], self.u[k, own] = values_now[parts["q"]].T, values_now[parts["u"]].T
         for name, values in self.sums.items():
-            values[:, k, own] = seen[parts[name]]
+            values[:, k, own] = values_now[parts[name]]
 
     def ensemble(
         self,

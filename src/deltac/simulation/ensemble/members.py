@@ -102,11 +102,11 @@ def member_parameters(
     mechanism = mechanism.opened(*sensitivity, where="sensitivity: ")
     columns = []
     for name in names:
-        given = vary.get(name, mechanism.parameters[name])
-        values = np.atleast_1d(_numbers(given))
+        numbers = vary.get(name, mechanism.parameters[name])
+        values = np.atleast_1d(_numbers(numbers))
         if values.ndim != 1 or not values.size or not np.isfinite(values).all():
             raise InputError(
-                f"vary: the values of {name!r} are {given!r}; expected finite numbers, an array (N,)"
+                f"vary: the values of {name!r} are {numbers!r}; expected finite numbers, an array (N,)"
             )
         columns.append(values)
     if len({len(c) for c in columns} - {1}) > 1:

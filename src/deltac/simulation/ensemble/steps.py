@@ -240,13 +240,13 @@ def _step(flow: StateFlow, solver: Solver, along: tuple[int, ...]) -> Any:
         return single
     k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
     after, pivot = single(flow.x, k, flow.p, t0, h)
-    given, moved = [flow.x], [after]
+    states, moved = [flow.x], [after]
     for place in along:
         rate, unit = ca.SX.sym("dx", flow.x.shape[0]), ca.SX.zeros(flow.p.shape[0])
         unit[place] = 1
-        given.append(rate)
+        states.append(rate)
         moved.append(ca.jtimes(after, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit)))
-    inputs = [ca.vertcat(*given), k, flow.p, t0, h]
+    inputs = [ca.vertcat(*states), k, flow.p, t0, h]
     return ca.Function("step", inputs, [ca.densify(ca.vertcat(*moved)), pivot], {"cse": True})
 
 

@@ -51,11 +51,11 @@ def read_parquet_part(path: Path, first: int, rows: int, header: Header) -> RawL
 
 @apart
 def read_parquet_groups(
-    path: Path, keys: Sequence[str], wanted: Collection[str] | None
+    path: Path, keys: Sequence[str], values: Collection[str] | None
 ) -> dict[str, RawLog] | None:
     """Other programs' rows by the text of their value in the first column of `keys` that is there, or None.
 
-    Those of the values `wanted`, in the order of the file; of all of them the names alone if that is None.
+    Those of the `values`, in the order of the file; of all of them the names alone if that is None.
     """
     import polars
 
@@ -67,10 +67,10 @@ def read_parquet_groups(
         if key is None:
             return None
         text = polars.col(key).cast(polars.String)
-        if wanted is None:
+        if values is None:
             groups = table.select(text).unique(maintain_order=True).collect()[key]
             return {str(value): RawLog({}) for value in groups}
-        frame = table.filter(text.is_in(list(wanted))).collect()
+        frame = table.filter(text.is_in(list(values))).collect()
         parts = frame.partition_by(key, maintain_order=True)
     return {str(part[key][0]): raw_log(part.drop(key), None) for part in parts}
 

@@ -212,14 +212,14 @@ class LogReading:
         notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
         ignored = [one.column for one in self._unused()]
         # Who writes the names of the schema writes no gaps but in what need not be there.
-        known = set(columns)
+        names_before = set(columns)
         columns, left_out = _complete(columns, rows=not self.by_name)
         notes |= left_out
-        without = known - set(columns)
+        without = names_before - set(columns)
         if self.strict and self.by_name:  # from_columns refuses by name what it does not know
             like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
-            kept = {n: columns.get(n, x) for n, x in like_ours.items() if n not in without}
-            columns = kept | columns
+            own = {n: columns.get(n, x) for n, x in like_ours.items() if n not in without}
+            columns = own | columns
             ignored = [name for name in ignored if name not in columns]
         columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
         frames = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}

@@ -199,25 +199,16 @@ def _told(audit: Any, names: Names) -> Row:
     causes = getattr(audit, "causes", None)
     if not causes:
         causes = [f for f in audit.findings if f.weight == "cause"]
-    listed = []
-    for cause in causes:
-        equals = getattr(cause, "equals", ()) or ()
-        listed.append(
-            [
-                (cause.kind, cause.element),
-                *[(k, e) for k, e in (x[:2] for x in equals if len(x) >= 2)],
-            ]
-        )
-    row["causes"] = [group[0] for group in listed[:5]]
+    listed = [(cause.kind, cause.element) for cause in causes]
+    row["causes"] = listed[:5]
     strength = [getattr(c, "log_odds", getattr(c, "odds", None)) for c in causes][:5]
     row["cause_odds"] = [None if s is None else float(s) for s in strength]
-    ranks = [k for k, group in enumerate(listed) if any(_names(names, *one) for one in group)]
+    ranks = [k for k, one in enumerate(listed) if _names(names, *one)]
     row["rank"] = ranks[0] if ranks else None
-    ranks = [
-        k
-        for k, group in enumerate(listed)
-        if any(_names(names, kind, "", True) for kind, _ in group)
-    ]
+    equals = {(f.kind, f.element): f.equals for f in audit.findings}
+    first = [*listed[:1], *(one for cause in listed[:1] for one in equals.get(cause, ()))]
+    row["first"] = any(_names(names, *one) for one in first)
+    ranks = [k for k, (kind, _) in enumerate(listed) if _names(names, kind, "", True)]
     row["kind_rank"] = ranks[0] if ranks else None
     row["nameable"] = bool(names[0])
     return row
@@ -307,8 +298,8 @@ def _rates(rows: list[Row], by: str) -> str:
     lines = [
         f"| {by} | right | accused | small | unresolved | blamed wrongly | refused, crashed | wrong | seen "
         "| oracle | seen of oracle's | "
-        "first | in three | kind | integrator ±2σ | mistake ±2σ | adds up |",
-        "|---|" + "--:|" * 16,
+        "first | or told as equal | in three | kind | integrator ±2σ | mistake ±2σ | adds up |",
+        "|---|" + "--:|" * 17,
     ]
     for name, some in [*sorted(groups.items()), ("**all**", rows)]:
         right, wrong = ([r for r in some if r["truth"] == t] for t in ("right", "wrong"))
@@ -325,6 +316,7 @@ def _rates(rows: list[Row], by: str) -> str:
             share(wrong, oracle_sees),
             share([r for r in wrong if oracle_sees(r)], seen),
             share(judged, lambda r: r["rank"] == 0),
+            share(judged, lambda r: r["first"]),
             share(judged, lambda r: r["rank"] is not None and r["rank"] < 3),
             share(judged, lambda r: r["kind_rank"] == 0),
             share(some, lambda r: covered(r, "integrator")),

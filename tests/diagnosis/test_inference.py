@@ -27,6 +27,7 @@ from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
 from deltac.diagnosis.inference.linearisation import start
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import observations
+from deltac.diagnosis.inference.regression import moved_by
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned
 from tests.support.slow import crossed, repeated
@@ -718,7 +719,8 @@ def test_causes_move_the_rows_as_the_integrator_does(step: Step) -> None:
         at = likeliest(point).at
         damper = next(c for c in point.candidates if (c.kind, c.element) == ("damping", "j2"))
         own = numbers_of(next(m for m in INTEGRATORS if m.name == step.__name__.replace("_", "-")))
-        column = at.moved_by(own, rows.intervals.h)[:, :, list(damper.columns)]
+        column = moved_by(at.point, at.of_causes, at.point.columns, own, rows.intervals.h)
+        column = column[:, :, list(damper.columns)]
         column = (column @ damper.linear)[:, :, 0]
         gaps, sizes = [], []
         for k in range(0, len(column), len(column) // 10):

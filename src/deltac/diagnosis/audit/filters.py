@@ -433,16 +433,12 @@ class _Departures:
 
     def moved(self, step: Step, change: Array, of_forces: Array) -> Array:
         """What changes of states (T, 2n, p) and of logged forces (T, m, p) do to them (N · 2n, p)."""
-        nodes, h = np.linspace(0.0, 1.0, 5)[:, None], self.log.intervals.h
         if not change.size:
             return self._flat(change[1:])
-        moved = change[1:] - self.transitions[step] @ change[:-1]
-        for k, response in enumerate(self.flow.force_responses):
-            first, last = of_forces[:-1, k], of_forces[1:, k]
-            slope = last - first if step[0] == "smooth" else np.zeros_like(first)
-            for j in range(change.shape[2]):
-                moved[:, :, j] -= impulse(response, first[:, j] + nodes * slope[:, j], h)
-        return self._flat(moved)
+        first, last = of_forces[:-1], of_forces[1:] if step[0] == "smooth" else of_forces[:-1]
+        within = first + np.linspace(0.0, 1.0, 5)[:, None, None, None] * (last - first)
+        by_forces = impulse(self.flow.force_responses, within, self.log.intervals.h)
+        return self._flat(change[1:] - self.transitions[step] @ change[:-1] - by_forces)
 
     def beside(self, change: Array, of_forces: Array) -> list[tuple[float, Array, Step]]:
         """What each kind of step leaves beside such changes and causes, with the numbers of the former."""

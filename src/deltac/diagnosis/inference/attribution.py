@@ -17,7 +17,7 @@ from deltac.arrays import SIX_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.comparison import HypothesisComparison
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER
-from deltac.diagnosis.inference.forces import InterpolatedForces, impulse
+from deltac.diagnosis.inference.forces import InterpolatedForces
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     SIGNIFICANT,
@@ -185,8 +185,8 @@ def equations_share(
 
 def attributed(
     comparison: HypothesisComparison, integrator: Share, equations: Share
-) -> tuple[Attribution, float]:
-    """ΔC of the rows in three shares, the log's being the rest; and the joules that nothing explains."""
+) -> tuple[Attribution, Array]:
+    """ΔC of the rows in three shares, the log's being the rest; and joules (N,) that nothing explains."""
     at, point = comparison.at, comparison.point
     log, model, noise = point.log, point.model, point.noise
     ends = point.as_logged.end, log.intervals.end
@@ -200,11 +200,18 @@ def attributed(
     rest = log.running(jump) - integrator.curve - equations.curve
     error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * comparison.tau))
     of_log = _of_causes(comparison, comparison.posterior.best, of_log=True).curve
-    # What nothing explains may be the integrator's.
     unexplained = np.maximum(np.abs(rest - of_log) - SIGNIFICANT * error, 0.0)
-    integrator = Share(integrator.curve, np.hypot(integrator.curve_error, unexplained))
-    parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
-    return parts, float(unexplained.max(initial=0.0))
+    return Attribution(log.intervals.end.t, integrator, equations, Share(rest, error)), unexplained
+
+
+def with_unexplained(parts: Attribution, unexplained: Array) -> Attribution:
+    """The attribution where joules (N,) that nothing explains may be the integrator's or the log's."""
+    shares = (
+        Share(share.curve, np.hypot(share.curve_error, unexplained))
+        for share in (parts.integrator, parts.log)
+    )
+    integrator, log = shares
+    return replace(parts, integrator=integrator, log=log)
 
 
 GROWTH = 2.0
@@ -324,10 +331,7 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
             continue
         apart = point.model.difference(arrival(forces), arrival(other))
         if 0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN:
-            moved = np.zeros_like(at.gradient)
-            for k, response in enumerate(point.flow.force_responses):
-                moved += impulse(response, change[:, :, k], log.intervals.h)
-            yield -HALF * log.running(at.work(moved))
+            yield -HALF * log.running(at.work(point.flow.moved_by_forces(change)))
 
 
 def _near_methods(comparison: HypothesisComparison) -> Iterator[Array]:

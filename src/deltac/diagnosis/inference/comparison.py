@@ -163,7 +163,9 @@ def _compared(point: Point, before: Posterior | None) -> HypothesisComparison:
     """The comparison of causes with what the series may leave out, or with what it is likely to."""
     at = regression(point)
     comparison = _compared_by(at, before)
-    quieter = None if comparison.exact else with_likelier_noise(at)
+    # Where causes were found already, they were found beside the noise that is likely.
+    asked = before is None and not comparison.exact
+    quieter = with_likelier_noise(at) if asked else None
     if quieter is None:
         return comparison
     # All columns explain more than few causes do: these must close the rows, or be found by it alone.
@@ -284,8 +286,7 @@ def _at_likeliest_states(comparison: HypothesisComparison) -> Point:
     """The point at the likeliest states beside causes, of a method or of the integrator's fields."""
     at, point, rows = comparison.at, comparison.point, comparison.rows
     best, flow, Phi = comparison.posterior.best, point.flow, at.innovations.Phi
-    change = best.coefficients - point.coefficients
-    causes = at.moved_by(at.numbers, point.log.steps) @ change
+    causes = at.effect_of(best.coefficients)
 
     def states(residuals: Sequence[Array]) -> list[Observations]:
         errors = at.innovations.errors(np.stack(residuals, axis=2) - causes[:, :, None])

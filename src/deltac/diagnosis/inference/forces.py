@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from deltac.arrays import EPS, Array
@@ -267,9 +266,16 @@ class InterpolatedForces:
         return forces, late
 
 
-def impulse(response: Array, force: Array, h: Array) -> Array:
-    """What a force (5, N) at equal fractions of each interval, h (N, 1), moves its end by (N, 2n)."""
-    nodes = np.linspace(0.0, 1.0, 5)
-    mean = simpson(force, x=nodes, axis=0)[:, None]
-    moment = simpson((1.0 - nodes)[:, None] * force, x=nodes, axis=0)[:, None]
-    return np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
+SIMPSON = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
+"""Weights of five values at equal fractions of an interval in their mean, by Simpson's rule."""
+
+
+def impulse(responses: Array, forces: Array, h: Array) -> Array:
+    """What forces (5, N, m, p) at equal fractions of each interval, h (N, 1), move its end by (N, 2n, p).
+
+    `responses` (m, N, n) are the accelerations by a unit of each.
+    """
+    left, of_unit = np.linspace(1.0, 0.0, 5), responses.transpose(1, 2, 0)
+    mean, moment = (np.tensordot(w, forces, axes=1) for w in (SIMPSON, left * SIMPSON))
+    h = h[:, :, None]
+    return np.concatenate([h**2 * (of_unit @ moment), h * (of_unit @ mean)], axis=1)

@@ -31,6 +31,7 @@ from deltac.diagnosis.inference.attribution import (
     of_one_number,
     of_scattered_steps,
     unseen_joules,
+    with_unexplained,
 )
 from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
@@ -410,7 +411,7 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         return asked
     acting = with_likeliest_forces(point)
     comparison = asked if asked and acting is point else compared(acting)
-    comparison, others = closed_by_other_forces(comparison)
+    comparison, others = closed_by_other_forces(comparison, SAMPLE)
     if not comparison.closing:
         best = _in_equations(comparison)
         moved = comparison.point
@@ -534,7 +535,7 @@ def _at_causes(
         alone = _settled(near.point if near else point.narrowed(found), found)
     if alone is None or not alone.posterior.best.chosen:
         return _settled(point, found)
-    whole = _settled(point, alone.posterior)
+    whole = _settled(point, alone.posterior, True)
     if whole is not None and whole.posterior.best.chosen:
         return whole
     # What the causes do looked like noise of the rows.
@@ -690,16 +691,17 @@ def inferred(
     disputed = disputed_joules(comparison, integrator, unseen)
     share, residual, between = integrator_share(comparison, disputed)
     equations = equations_share(comparison, residual, unseen)
-    attribution, unexplained = attributed(comparison, share, equations)
+    attribution, left = attributed(comparison, share, equations)
+    unexplained = float(left.max(initial=0.0))
     generic = generic_equations(comparison)
     odds, active = intermittent_force(comparison, residual)
     if scattered:
-        attribution, blows = of_scattered_steps(
-            comparison, replace(attribution, integrator=share), residual, disputed, agreed
-        )
+        attribution, blows = of_scattered_steps(comparison, attribution, residual, disputed, agreed)
         unexplained, active = float(np.abs(blows).sum()), active & (blows != 0.0)
         generic = replace(generic, log_odds=-np.inf)
         integrator = replace(integrator, names=("adaptive",))
+    else:
+        attribution = with_unexplained(attribution, left)
     exchanged, errors, energy = at.exchanged(best)
     return Inference(
         model=point.model,

@@ -64,13 +64,14 @@ def with_filter(point: Point, best: Fit) -> Point:
 
 
 def closed_by_other_forces(
-    comparison: HypothesisComparison,
+    comparison: HypothesisComparison, sample: int
 ) -> tuple[HypothesisComparison, list[HypothesisComparison]]:
     """The comparison with forces that are held, or straight between rows, if a method closes the rows then.
 
     With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
-    is smooth, and kinks of forces are noise. Smooth ones that are half a step late may be held. The second
-    value are comparisons that were made from the same point as the first.
+    is smooth, and kinks of forces are noise. Smooth ones that are half a step late may be held. What does not
+    close a `sample` of the intervals closes no more of them. The second value are comparisons that were made
+    from the same point as the first.
     """
     point, likeliest, others = comparison.point, comparison, list[HypothesisComparison]()
     if point.forces.filter is not None or point.forces_known:
@@ -82,7 +83,10 @@ def closed_by_other_forces(
             continue
         moved = point.with_flow(forces=forces).with_noise_of_rows()
         if late or np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
-            other = compared(moved.with_process_noise())
+            moved = moved.with_process_noise()
+            if not late and not compared(moved.sampled(sample)).closing:
+                continue
+            other = compared(moved)
             others.append(other)
             if (other.closing or late) and other.evidence > likeliest.evidence:
                 likeliest = other
@@ -117,11 +121,14 @@ def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
     stairs = forces.held(held[0]) if held and "step" not in forces.kinds else forces
     kinds = [kind for kind in FORCES if kind != "step"]
     nodes = np.linspace(0.0, 1.0, 5)
-    parts = [np.array([stairs.logged.part(k, s) for s in nodes]) for k in range(4)]
+    parts = [[stairs.logged.part(k, s) for k in range(4)] for s in nodes]
+    of_parts, responses = np.moveaxis(np.array(parts), 1, 3), point.flow.force_responses
     columns = [
-        impulse(response, parts[which][:, :, k], point.log.intervals.h)
-        for k, response in enumerate(point.flow.force_responses)
-        for which in range(4)
+        column
+        for k in range(len(responses))
+        for column in impulse(
+            responses[k : k + 1], of_parts[:, :, k : k + 1], point.log.intervals.h
+        ).transpose(2, 0, 1)
     ]
     trial = _beside(point, _along(point, best), columns)
     p = trial.projected
@@ -161,12 +168,11 @@ def _likeliest_filter(point: Point, best: Fit) -> tuple[float, float] | None:
     h, nodes = float(np.median(log.intervals.h)), np.linspace(0.0, 1.0, 5)
     now = np.stack([forces.between(s) for s in nodes])
     filters = [(d * h, s * h) for d in DELAYS for s in SPREADS if max(abs(d), s) > WITHIN_A_ROW]
-    columns = [np.zeros_like(log.noise[0]) for _ in filters]
-    for column, filter_ in zip(columns, filters, strict=True):
+    columns = list[Array]()
+    for filter_ in filters:
         other, _ = forces.filtered(log.intervals, log.pieces, *filter_)
         change = np.stack([other.between(s) for s in nodes]) - now
-        for k, response in enumerate(point.flow.force_responses):
-            column += impulse(response, change[:, :, k], log.intervals.h)
+        columns.append(point.flow.moved_by_forces(change))
     trial = _beside(point, _along(point, best), columns)
     rss = _left(trial)
     k = int(np.argmin(rss))
@@ -191,10 +197,7 @@ def left_by_shifts(point: Point) -> dict[int, float]:
         for kind in ("smooth", "start") if m else [kind for kind in FORCES if kind != "step"]:
             other = forces.alike(kind)
             change = np.stack([np.roll(other.between(s), m, axis=0) for s in nodes]) - now
-            own = np.zeros_like(log.noise[0])
-            for k, response in enumerate(point.flow.force_responses):
-                own += impulse(response, change[:, :, k], log.intervals.h)
-            columns.append(own)
+            columns.append(point.flow.moved_by_forces(change))
             late.append(m)
     of_causes = np.eye(len(point.coefficients))[:, point.of_equations]
     trial = _beside(point, np.column_stack([of_causes, point.coefficients]), columns, whole)

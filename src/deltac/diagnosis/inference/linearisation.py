@@ -44,7 +44,12 @@ from deltac.diagnosis.inference.flow import (
     transitions,
     transported,
 )
-from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
+from deltac.diagnosis.inference.forces import (
+    FORCES,
+    InterpolatedForces,
+    LoggedForce,
+    impulse,
+)
 from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
 from deltac.diagnosis.inference.integrators import (
     EXACT,
@@ -53,9 +58,11 @@ from deltac.diagnosis.inference.integrators import (
     Integrator,
     Map,
     maps,
+    transition,
 )
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import LONG_STRETCHES, Observations
+from deltac.diagnosis.inference.whitening import left_by
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import STIFFEST
 from deltac.errors import InputError
@@ -148,16 +155,31 @@ class Flow:
             **changes,
         )
 
+    def transition(self, of: Map) -> Array | None:
+        """Derivatives (N, 2n, 2n) of one of the maps, taken once; None where they are not told."""
+        if of not in self._transitions:
+            self._transitions[of] = transition(self.plant, of, self.intervals, self.forces.between)
+        return self._transitions[of]
+
     @cached_property
-    def force_responses(self) -> list[Array]:
-        """What a unit of each logged force adds to the accelerations at the rows (N, n)."""
+    def _transitions(self) -> dict[Map, Array | None]:
+        return {}
+
+    @cached_property
+    def force_responses(self) -> Array:
+        """What a unit of each logged force adds to the accelerations at the rows (m, N, n)."""
         at, first = self.intervals.start, self.forces.logged.first
-        here, responses = self.plant.acceleration(at.t, at.q, at.u, first), list[Array]()
-        for k in range(first.shape[1]):
+        here = self.plant.acceleration(at.t, at.q, at.u, first)
+        responses = np.empty((first.shape[1], *here.shape))
+        for k in range(len(responses)):
             d = 1e-3 * (1.0 + np.abs(first[:, k]).max())
-            F = first + d * (np.arange(first.shape[1]) == k)
-            responses.append((self.plant.acceleration(at.t, at.q, at.u, F) - here) / d)
+            F = first + d * (np.arange(len(responses)) == k)
+            responses[k] = (self.plant.acceleration(at.t, at.q, at.u, F) - here) / d
         return responses
+
+    def moved_by_forces(self, change: Array) -> Array:
+        """What other forces between the rows, by changes (5, N, m), move the ends by (N, 2n)."""
+        return impulse(self.force_responses, change[:, :, :, None], self.intervals.h)[:, :, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +240,19 @@ class Tangent:
 
     @cached_property
     def effects(self) -> Array:
-        """What the fields add to the ends of the intervals (N, 2n, fields)."""
-        return self.transported(self.fields)
+        """What the fields add to the ends of the intervals (N, 2n, fields).
+
+        Where steps are longer than what the motion forgets in, their series has no limit. No step is further
+        off than the rates of the states go in it.
+        """
+        effects, plant = self.transported(self.fields), self.flow.plant
+        stiff = np.flatnonzero((self.rates * self.h)[:, 0] > 1.0)
+        if len(stiff):
+            nodes = [at.take(stiff) for at in self.flow.nodes]
+            rates = [np.abs(np.concatenate([at.u, plant.at(at)], axis=1)) for at in nodes]
+            most = (self.h[stiff] * np.max(rates, axis=0))[:, :, None]
+            effects[stiff] = np.clip(effects[stiff], -most, most)
+        return effects
 
     @property
     def count(self) -> int:
@@ -426,11 +459,10 @@ def process_noise(
         """As large a part as is likely."""
         if not part.any():
             return part
-        w = log.errors(flow.plant, flow.end, Phi)[:, :, None]
-        columns = np.concatenate([w, tangent.effects], axis=2)
+        w = log.errors(flow.plant, flow.end, Phi)
         share, likelihood = 0.0, -np.inf
         for x in SHARES:  # it has one maximum
-            now = likelihood_of(log, Phi, x**2 * part + others, columns)
+            now = likelihood_of(log, Phi, x**2 * part + others, w, tangent.effects)
             if now <= likelihood:
                 break
             share, likelihood = x, now
@@ -444,11 +476,18 @@ def process_noise(
     return ProcessNoise(own, white, doubt, across, beyond)
 
 
-def likelihood_of(log: Observations, Phi: Array, Q: Array, columns: Array) -> float:
-    """Log likelihood of process noise Q by columns (N, 2n, p), the first of them prediction errors."""
-    white, spread = log.innovations(Phi, Q)(columns)
-    r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, columns.shape[2] - 1)
-    r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
+def likelihood_of(
+    log: Observations, Phi: Array, Q: Array, w: Array, fields: Array, causes: Array | None = None
+) -> float:
+    """Log likelihood of process noise Q by prediction errors w (N, 2n), beside columns (N, 2n, p).
+
+    Fields of an integrator are nearly alike: what they leave of all else is found without a Gram matrix.
+    """
+    others = [w[:, :, None]] if causes is None else [w[:, :, None], causes]
+    white, spread = log.innovations(Phi, Q)(np.concatenate([fields, *others], axis=2))
+    D, rest = np.split(white.reshape(-1, white.shape[2]), [fields.shape[2]], axis=1)
+    rest = rest - D @ np.linalg.lstsq(D, rest, rcond=1e-12)[0]
+    r = rest[:, 0] if causes is None else left_by(rest[:, 1:], rest[:, 0])
     return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
 
@@ -472,7 +511,7 @@ def _unknown(
     doubt = np.where(smooth, force.doubt, 0.0)
     some = coarse.any() or noise.any() or lost.any() or doubt.any()
     own, white, moves = list[Array](), list[Array](), list[Array]()
-    for k, response in enumerate(flow.force_responses if some else ()):
+    for k, response in enumerate(flow.force_responses if some else []):
         for columns, size in ((own, digits), (white, noise)):
             du = response * h * size[:, k : k + 1]
             columns.append(np.concatenate([0.5 * h * du, du], axis=1))

@@ -162,8 +162,7 @@ def best_of(
 def as_likely(at: Regression, ends: Sequence[Map], best: int, fit: Fit) -> list[Map]:
     """The best of several maps, and those that are as likely beside the causes of a fit."""
     point, Phi = at.point, at.innovations.Phi
-    change = fit.coefficients - point.coefficients
-    moved = at.moved_by(at.numbers, point.log.steps) @ change
+    moved = at.effect_of(fit.coefficients)
     white, _ = at.innovations(np.stack([point.errors(of.end, Phi) - moved for of in ends], axis=2))
     likely = alike(white, best, point.log.rounding)
     return [ends[best], *(ends[i] for i in likely if i != best)]

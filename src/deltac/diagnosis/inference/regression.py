@@ -5,6 +5,7 @@ Beside an unknown integrator they are those of the flow; beside a method, those 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +23,7 @@ from deltac.diagnosis.inference.hypotheses import (
     refitted,
     search,
 )
-from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of, transition
+from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of
 from deltac.diagnosis.inference.linearisation import (
     SHARES,
     Point,
@@ -77,9 +78,9 @@ class Regression:
 
     def beside(self, of: Map, log: Observations | None = None) -> Block:
         """Whitened equations beside a method, perhaps where rows have the noise of another log."""
-        point, plant = self.point, self.point.flow.plant
+        point = self.point
         log = log or point.log
-        own = transition(plant, of, log.intervals, point.forces.between)
+        own = point.flow.transition(of)
         Phi = point.tangent.Phi if own is None else own
         errors = point.errors(of.end, Phi)[:, :, None]
         fields = self.B[:, :, : self.fields]
@@ -93,11 +94,17 @@ class Regression:
         intervals = point.log.intervals
         own = by_causes(of, point.tangent.J, point.columns, intervals)
         step = intervals.h / of.counts[:, None]
-        return self.moved_by(numbers_of(of.method), step) if own is None else own
+        if own is None:
+            own = moved_by(point, self.of_causes, point.columns, numbers_of(of.method), step)
+        return own
 
-    def moved_by(self, c: Array, step: Array) -> Array:
-        """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, step (N, 1)."""
-        return _moved_by(self.point, self.of_causes, c, step)
+    def effect_of(self, coefficients: Array) -> Array:
+        """What causes of these coefficients (P,) beyond the point's do to the rows (N, 2n)."""
+        point = self.point
+        change = (coefficients - point.coefficients)[:, None]
+        columns = [x @ change for x in (point.columns[0], point.columns[-1])]
+        B = self.of_causes @ change
+        return moved_by(point, B, columns, self.numbers, point.log.steps)[:, :, 0]
 
     # --- joules ---
 
@@ -214,7 +221,7 @@ def regression(point: Point) -> Regression:
         moved = Phi + log.intervals.h[:, :, None] * change @ Phi
         w = point.errors(point.flow.end, moved)
     innovations = log.innovations(moved, Q)
-    own = _moved_by(point, of_causes, c, log.steps)
+    own = moved_by(point, of_causes, point.columns, c, log.steps)
     white, spread = innovations(np.concatenate([w[:, :, None], fields, own, bent], axis=2))
     series, B = _block(point, white, ni, places, spread, log.rounding), [fields, of_causes]
     D = white[:, :, 1 + ni :]
@@ -229,16 +236,17 @@ def with_likelier_noise(at: Regression) -> Point | None:
     """
     point, noise, Phi = at.point, at.point.noise, at.point.tangent.Phi
     w = point.errors(point.flow.end, Phi)
-    columns = np.concatenate([w[:, :, None], at.B, at.bent], axis=2)
+    fields, causes = np.split(np.concatenate([at.B, at.bent], axis=2), [at.fields], axis=2)
     most = bool(np.any(np.mean(noise.beyond**2, axis=0) > np.mean(w**2, axis=0)))
     parts = [part for part, large in (("beyond", most), ("forces", noise.forces.any())) if large]
-    if not parts or w.size < 2 * columns.shape[2]:
+    if not parts or w.size < 2 * (at.B.shape[2] + at.bent.shape[2]):
         return None
     likelier = noise
     for part in parts:
 
         def likelihood(share: float, part: str = part, noise: ProcessNoise = likelier) -> float:
-            return likelihood_of(point.log, Phi, noise.with_shares(**{part: share}).total, columns)
+            Q = noise.with_shares(**{part: share}).total
+            return likelihood_of(point.log, Phi, Q, w, fields, causes)
 
         share = max(sorted(SHARES, reverse=True), key=likelihood)
         likelier = likelier.with_shares(**{part: share}) if share != 1.0 else likelier
@@ -296,14 +304,15 @@ def _between_rows(point: Point) -> Array:
     return np.concatenate(columns, axis=2)
 
 
-def _moved_by(point: Point, B: Array, c: Array, step: Array) -> Array:
+def moved_by(point: Point, B: Array, columns: Sequence[Array], c: Array, step: Array) -> Array:
     """What causes do to the rows (N, 2n, P), B by the flow, by an integrator of numbers c of first order.
 
     Its fields are those of the field with the causes in it: (G, 0), (0, G_q u) and (0, G_u a + a_u G).
+    `columns` are their accelerations G (N, n, P) at the nodes; steps are (N, 1).
     """
     n, h = point.model.n, point.log.intervals.h
     moves = B.copy()
-    first, last = point.columns[0], point.columns[-1]
+    first, last = columns[0], columns[-1]
     mean, size = 0.5 * (first + last), step[:, :, None]
     moves[:, :n] += c[0] * size * h[:, :, None] * mean
     moves[:, n:] += 0.5 * (c[1] + c[2]) * size * (last - first)

@@ -243,6 +243,14 @@ def least_squares(A: Array, b: Array) -> Array:
     return np.asarray(d * np.linalg.solve(scaled, d * b))
 
 
+def left_by(D: Array, r: Array) -> Array:
+    """What columns D (K, p) leave of r (K,), by least squares."""
+    gram = D.T @ D
+    for _ in range(REFINEMENTS):  # what is left of large numbers is known to rounding then
+        r = r - D @ least_squares(gram, D.T @ r)
+    return r
+
+
 def robust_weights(r: Array, D: Array) -> Array:
     """Weights (N,) of intervals under Student's distribution, where a few of them rule the sum of squares.
 
@@ -256,10 +264,7 @@ def robust_weights(r: Array, D: Array) -> Array:
     weights, beside = alone, -np.inf
     for _ in range(MAXIMISATIONS):
         scale = np.sqrt(weights)[:, None]
-        A, left = (D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel()
-        gram = A.T @ A
-        for _ in range(REFINEMENTS):  # what is left of large numbers is known to rounding then
-            left = left - A @ least_squares(gram, A.T @ left)
+        left = left_by((D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel())
         weights, beside = _student(left.reshape(r.shape) / scale)
     price = 0.5 * D.shape[2] * np.log(r.size)
     return weights if beside - price > likelihood else alone
@@ -285,4 +290,4 @@ STUDENT = 3.0
 """Degrees of freedom of the heavy-tailed likelihood."""
 
 MAXIMISATIONS, REFINEMENTS = 2, 3
-"""Steps of expectation and maximisation, and of each least squares: weights of intervals need one digit."""
+"""Steps of expectation and maximisation, and of least squares: weights and likelihoods need one digit."""

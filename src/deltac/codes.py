@@ -31,6 +31,8 @@ FINDINGS: dict[str, str] = {
     "law-number": "a number in the law of a constraint differs, such as the ratio of a gear",
     "parameter": "a named parameter of the model has another value in the run",
     "velocity-terms": "centrifugal, Coriolis and gyroscopic terms are missing or have a wrong factor",
+    "gravity-term": "gravity in one equation is missing or has a wrong factor",
+    "velocity-term": "products of speeds in one equation are missing or have a wrong factor",
     "gyroscopic-terms": "the gyroscopic terms of a body are missing or have a wrong factor",
     "body-tensor": "the central inertia tensor of a body differs",
     "actuator-gear": "an actuator delivers a multiple or fraction of its logged force",

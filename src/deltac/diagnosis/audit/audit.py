@@ -16,7 +16,7 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.filters import realigned, unfiltered
+from deltac.diagnosis.audit.filters import realigned, rezeroed, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -589,7 +589,15 @@ def _judgement(
         lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
         inference, before = _inferred(reference, log, rows, limit, lacking)
         if before is not None:
-            return _judgement(reference, before, known, limit, progress)
+            other = _judgement(reference, before, known, limit, progress)
+            if inference is None or _follows(other.inference):
+                return other
+        right = rezeroed(rows, inference, log.findings) if inference is not None else None
+        if inference is not None and right is not None:
+            zeroed = balanced(mechanism, right[0], reference.work, right[1])
+            other = _judgement(reference, zeroed, known, limit, progress)
+            if _follows(other.inference, max(KNOWN, inference.excess)):
+                return other
         alone = differences(rows, one_sided=True)
         if inference is not None and alone is not None and _speeds_are_shifted(inference):
             # Speeds that no method makes so are of the coordinates alone.
@@ -644,9 +652,10 @@ def _judgement(
 def _inferred(
     reference: AuditReference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
 ) -> tuple[Inference | None, Log | None]:
-    """The inference of the rows of a log; or the log that is judged in its place.
+    """The inference of the rows of a log, and the log that is judged in its place if its rows close.
 
-    That is what went into a filter, or the same states with the forces of other rows.
+    That is what went into a filter, or the same states with the forces of other rows. The inference is None
+    where such a log closes without a cause, or nothing is inferred.
     """
     mechanism = reference.mechanism
     begun = closed(mechanism, rows, log.ledger.energy_exchanged)
@@ -661,12 +670,17 @@ def _inferred(
     if through is None and asked:
         through = unfiltered(model, rows)
     if through is None:
-        inference = begun.with_causes(limit, lacking)
+        inference = begun.with_causes(limit, lacking, "filtered" in known)
     # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
-    if inference is not None and (
-        inference.late
-        or inference.excess > KNOWN
-        or (inference.finds_something and not inference.closes)
+    # Zeros of coordinates are put right before that.
+    if (
+        inference is not None
+        and "zero-offset" not in inference.kinds
+        and (
+            inference.late
+            or inference.excess > KNOWN
+            or (inference.finds_something and not inference.closes)
+        )
     ):
         through = None if shifted else realigned(mechanism, rows, begun, True)
         if through is None and asked:
@@ -674,7 +688,12 @@ def _inferred(
     if through is None:
         return inference, None
     before, told = through
-    return None, balanced(mechanism, before, reference.work, (*log.findings, told))
+    return inference, balanced(mechanism, before, reference.work, (*log.findings, told))
+
+
+def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
+    """Whether rows follow from each other but for noise, or `most` of it, perhaps beside causes."""
+    return inference is not None and (inference.closes or inference.excess <= most)
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

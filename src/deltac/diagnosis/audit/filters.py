@@ -1,4 +1,4 @@
-"""Logs behind a low-pass filter, and logs whose forces are some rows early or late.
+"""Logs behind a low-pass filter, with forces some rows early or late, or with coordinates of another zero.
 
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
@@ -24,8 +24,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import qr
 
-from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SMALL_SHARE, Array
+from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, Array
+from deltac.diagnosis.causes.causes import KINDS
 from deltac.diagnosis.causes.columns import ColumnKernels
+from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.forces import impulse
 from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS, Unclosed, closed
 from deltac.diagnosis.inference.integrators import (
@@ -58,6 +60,7 @@ from deltac.kernels.rows import compiled_rows
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import RateNames
 
 ORDERS = (2, 4)
 """Orders of the filters that are tried, one after the other."""
@@ -525,7 +528,8 @@ def unfiltered(
                 rows = rows.with_causes(settled)
                 settled = rows.settled(settled)
             own = settled.filter
-            return own.before(run), _told(own, float(h.mean()), fit.left)
+            if own.low_pass:  # in all rows, and beside causes, numbers settle elsewhere
+                return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 
 
@@ -591,3 +595,38 @@ def _told_late(run: Trajectory, late: int) -> Finding:
         "note",
         factor=late * float(np.median(np.diff(run.t))),
     )
+
+
+# --- coordinates of another zero ---
+
+
+def rezeroed(
+    run: Trajectory, inference: Inference, known: Sequence[Finding]
+) -> tuple[Trajectory, tuple[Finding, ...]] | None:
+    """A run with the zeros of its coordinates put right that an inference found to be off; None for none.
+
+    With findings that say so, in the place of those `known` of the same coordinates: zeros are found to
+    second order, and what is left of them is found again.
+    """
+    best, q, told = inference.posterior.best, np.array(run.q), dict[str, Finding]()
+    places = {run.speeds[j]: i for i, j in RateNames.of(run.coordinates, run.speeds).rates}
+    before = {f.element: f.factor or 0.0 for f in known if f.kind == "zero-offset"}
+    for k, (c, theta) in enumerate(zip(best.chosen, best.theta, strict=True)):
+        whole = theta + before.get(c.element, 0.0)
+        if c.kind == "zero-offset" and abs(theta[0]) > SIX_DIGITS * abs(whole[0]):
+            q[:, places[c.element]] -= theta[0]
+            error = best.deviation(k) * np.sqrt(inference.tau)
+            told[c.element] = Finding(
+                c.kind,
+                sentence(inference.model.mechanism, c, whole, error),
+                "with the zero put right, each row follows from the one before",
+                f"{KINDS[c.kind].remedy}; the verdict is of the log with its zero put right",
+                "note",
+                c.element,
+                float(whole[0]),
+                float(error[0]),
+            )
+    if not told:
+        return None
+    others = (f for f in known if f.kind != "zero-offset" or f.element not in told)
+    return replace(run, q=q), (*others, *told.values())

@@ -137,6 +137,8 @@ class Judgement:
         if self.unnamed and not self.slip:
             p = float(expit(inference.generic.log_odds - CERTAIN))
             real, intolerable = max(real, p), max(intolerable, p)
+        if inference.force is not None:
+            real, intolerable = 1.0, float(inference.force.exchanged > self.allowed_flow)
         if self.intermittent:
             real = intolerable = max(intolerable, float(expit(inference.intermittent[0])))
         return real, intolerable
@@ -482,7 +484,7 @@ def unattributable(findings: Iterable[Finding]) -> bool:
 
 def of_model(finding: Finding) -> bool:
     """Whether it names a change of the model, not of the log."""
-    return finding.kind in PREFERENCE and finding.kind not in OF_THE_LOG
+    return finding.kind in (*PREFERENCE, "residual") and finding.kind not in OF_THE_LOG
 
 
 def _findings(e: Judgement) -> tuple[Finding, ...]:
@@ -500,7 +502,9 @@ def _findings(e: Judgement) -> tuple[Finding, ...]:
     departing = _departing_equations(e) if kind == "equation-error" else None
     if departing is not None:
         own.append(departing)
-    first = next(filter(of_model, named), None)
+    if kind != "equation-error" and e.inference is not None and e.inference.force is not None:
+        own.append(replace(_unnamed(e), weight="note"))
+    first = next(filter(of_model, own), None)
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
     if small and first and _clear(e) and e.mistake[0] > PROBABLE["high"]:
         own.append(_small(e, first))
@@ -518,7 +522,17 @@ def _findings(e: Judgement) -> tuple[Finding, ...]:
 def _unnamed(e: Judgement) -> Finding:
     """Equations that are wrong in a way without a name."""
     assert e.inference is not None
-    generic = e.inference.generic
+    generic, force = e.inference.generic, e.inference.force
+    if force is not None:
+        return Finding(
+            "residual",
+            f"the equation of {force.speed!r} is off by a force that no known cause explains",
+            f"its changes from row to row are off by {percent(force.share)}, {force.exchanged:.3g} J flow "
+            "through that, and no logged force acts there",
+            "Compare the equations of model and simulator: `check_equations` tests them without a log",
+            "cause",
+            force.speed,
+        )
     return Finding(
         "residual",
         "what is left of the rows depends on the state as terms of a model do, and no few causes explain it",
@@ -543,13 +557,13 @@ def _clear(e: Judgement) -> bool:
 
 def _small(e: Judgement, cause: Finding) -> Finding:
     assert e.inference is not None
-    joules = float(e.inference.exchanged.max(initial=0.0))
+    joules, each = e.inference.flow, e.inference.posterior.best.each
     share = joules / e.ledger.energy_exchanged if e.ledger.energy_exchanged > 0.0 else 0.0
     return Finding(
         "small-but-real",
         f"a mistake in the equations is real, though only {percent(share)} of the energy exchanged flows "
         "through it",
-        f"{joules:.3g} J; log odds {max(e.inference.posterior.best.each):.3g}",
+        f"{joules:.3g} J" + (f"; log odds {max(each):.3g}" if each else ""),
         "See the notes for its cause; strict=True makes it count",
         element=cause.element,
     )

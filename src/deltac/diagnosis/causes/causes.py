@@ -47,6 +47,7 @@ Sign = Literal["any", "positive", "factor", "slip"]
 SAME_VALUE = "Give the model the value that the simulator used"
 MASSES = "Check masses and inertias of the model against those that the simulator used"
 TERMS = "Check the terms in products of speeds in the equations of the run, or its frames"
+FORGOTTEN = "Check this term in the equations of the run"
 GRAVITY = "Give model and simulator the same gravity"
 ADD = "Add it to the model, or log its force"
 LAYOUT = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
@@ -259,12 +260,16 @@ KINDS = {
     "parameter": CauseKind(
         "parameter {element} in the run is {shown}, not {base}", SAME_VALUE, "value"
     ),
+    "gyroscopic-terms": _factor("the gyroscopic terms of {element} are {times}", TERMS, "slip"),
     "velocity-terms": _factor(
         "the centrifugal, Coriolis and gyroscopic terms of all bodies are {times}",
         TERMS,
         sign="slip",
     ),
-    "gyroscopic-terms": _factor("the gyroscopic terms of {element} are {times}", TERMS, "slip"),
+    "gravity-term": _factor("gravity in the equation of {element} is {times}", FORGOTTEN, "slip"),
+    "velocity-term": _factor(
+        "the terms in products of speeds in the equation of {element} are {times}", TERMS, "slip"
+    ),
 }
 """All kinds of causes. Of those that explain the same by as many numbers, the first is named first."""
 
@@ -514,8 +519,7 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         columns = tuple(k for at, _ in whole for k in at)
         weights = np.concatenate([w for _, w in whole])
         yield from cause("mass-scale", "all bodies", columns, weights, 1.0)
-        ones = [1.0] * len(steady)
-        yield from cause("velocity-terms", "all bodies", tuple(steady), ones, 1.0)
+    yield from cause("velocity-terms", "all bodies", tuple(steady), [1.0] * len(steady), 1.0)
 
 
 def _centres(b: BodyMass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
@@ -580,6 +584,12 @@ ON_A_SPEED: tuple[tuple[str, What], ...] = (
     ("missing-friction", "friction"),
 )  # fmt: skip
 """What may act on a joint's speed, or alike on all of them."""
+
+
+TERMS_OF_AN_EQUATION: tuple[tuple[str, What], ...] = (
+    ("gravity-term", "weight term"), ("velocity-term", "velocity term"),
+)  # fmt: skip
+"""What equations that are written by hand may lack one of."""
 
 
 def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Candidate, ...]:
@@ -677,6 +687,8 @@ def _joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
                 yield from cause(kind, joint.name, columns, ones, entry=some[0], origin=joint.kind)
     for entry in speeds:
         yield from _on_a_speed(equations, places, entry, acting)
+        for kind, what in TERMS_OF_AN_EQUATION:
+            yield from cause(kind, entry.name, places(Column(what, entry.name)), [1.0], 1.0)
 
 
 def _on_a_speed(

@@ -25,7 +25,8 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 What = Literal[
-    "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
+    "inertia", "velocity", "gyroscopic", "weight", "gravity", "weight term", "velocity term",
+    "damper", "friction", "drag",
     "spring", "stop", "constant", "armature", "channel", "delay", "law", "offset", "drag of a body",
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
     "bend",
@@ -45,6 +46,7 @@ class Column:
     gyroscopic  body; what its central moments of inertia make of them
     weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
+    weight term, velocity term  speed: what gravity, and what speeds alone, do in its equation
     damper      speed: −u; friction: −sign u; drag: −u|u|; spring: −q; constant: 1; armature: −u̇
     drag of a body  body: −|v| v at its mass centre
     stop        speed: −max(q − c, 0) at the place c of that index, see `stops`
@@ -127,7 +129,10 @@ Elements = Collection[tuple[What, str]] | None
 
 
 def column_kernels(equations: LogEquations, some: Elements = None) -> ColumnKernels:
-    """All columns of a mechanism whose forces are those of `equations`, or those of some elements."""
+    """All columns of a mechanism whose forces are those of `equations`, or those of some elements.
+
+    Terms of single equations are among the latter alone: beside all else they explain what others do.
+    """
     symbols = equations.symbols
     s = symbols.system
     # Of logs of one mechanism only the places of stops differ: all else is written out once.
@@ -136,6 +141,8 @@ def column_kernels(equations: LogEquations, some: Elements = None) -> ColumnKern
     if some is None or any(what not in OF_GEOMETRY for what, _ in some):
         shared = symbols.once("columns", lambda: _written_out(equations))
         columns = {**shared, **_acting(_stops(equations))}
+        if some is not None:
+            columns |= _acting(_terms(equations, shared))
         columns = {c: x for c, x in columns.items() if some is None or c.of in some}
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
     expression = ca.horzcat(residual, *columns.values())
@@ -240,6 +247,25 @@ def _gravity(equations: LogEquations) -> dict[Column, SX]:
                 wrenches[k] = ca.vertcat(cross(link.centre, weight), weight)
         changes[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
     return changes
+
+
+def _terms(equations: LogEquations, changes: dict[Column, SX]) -> dict[Column, SX]:
+    """Terms of single equations, of which whoever writes them by hand may forget one."""
+    s, speeds = equations.symbols.system, equations.mechanism.speeds
+    n, weight, steady = len(s.free_u), ca.SX(len(s.free_u), 1), ca.SX(len(s.free_u), 1)
+    for column, x in changes.items():
+        if column.what == "gravity":
+            weight += s.gravity[column.index] * x
+        elif column.what == "velocity":
+            steady += x
+    terms: dict[Column, SX] = {}
+    for row, place in enumerate(s.free_u) if n > 1 else ():
+        each: tuple[tuple[What, SX], ...] = (("weight term", weight), ("velocity term", steady))
+        for what, x in each:
+            own = ca.SX(n, 1)
+            own[row] = x[row]
+            terms[Column(what, speeds[place].name)] = own
+    return terms
 
 
 def _joints(equations: LogEquations) -> dict[Column, SX]:

@@ -43,7 +43,14 @@ from deltac.diagnosis.inference.linearisation import Point
 from deltac.diagnosis.inference.methods import FAR, as_likely
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.observations import Observations
-from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
+from deltac.diagnosis.inference.result import (
+    KNOWN,
+    OF_THE_LOG,
+    Attribution,
+    Generic,
+    Share,
+    UnknownForce,
+)
 
 HALF = 0.6
 """Standard deviation of what forces do between rows that a method does not see, in units of what others
@@ -170,16 +177,18 @@ def equations_share(
 ) -> Share:
     """The share of mistakes in the equations."""
     at, point, posterior = comparison.at, comparison.point, comparison.posterior
-    moved = comparison.effects + point.model.difference(point.nominal.end, point.flow.end)
-    mistake = _on_path(comparison, _of_causes(comparison, posterior.best), moved, residual)
+    effects = comparison.effects
+    mistake = _on_path(comparison, _of_causes(comparison, posterior.best), effects, residual)
     # Sets of causes that explain as much do other joules, and one that is not seen may do some.
     sets = [_of_causes(comparison, fit).curve for fit in posterior.alternatives]
     spread = np.abs([x - mistake.curve for x in (mistake.curve, *sets)]).max(axis=0)
     sizes = np.minimum(list(unseen.values()), point.energy)
     hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
     grown = np.linspace(0.0, hidden, len(spread))
-    gaps = point.log.in_gaps(at.work(moved))
-    error = np.sqrt(mistake.curve_error**2 + spread**2 + grown**2 + gaps**2)
+    work, off = point.work_of_causes
+    gaps = point.log.in_gaps(at.work(effects) + work)
+    each = np.stack([mistake.curve_error, spread, grown, gaps, point.log.running(off)])
+    error = np.linalg.norm(each, axis=0)
     return Share(mistake.curve, error)
 
 
@@ -189,10 +198,9 @@ def attributed(
     """ΔC of the rows in three shares, the log's being the rest; and joules (N,) that nothing explains."""
     at, point = comparison.at, comparison.point
     log, model, noise = point.log, point.model, point.noise
-    ends = point.as_logged.end, log.intervals.end
-    slope = 0.5 * sum(map(model.energy_gradient, ends))
-    # The energy of each row beyond that of its prediction.
-    jump = np.einsum("km,km->k", slope - at.weights[1], point.w)
+    # What states depart by, with forces that were filtered, and what causes work until then.
+    departures = point.flow.w + model.difference(point.as_logged.end, point.nominal.end)
+    jump = at.work(departures) + point.work_of_causes[0]
     of_rows = np.einsum("km,km->k", at.gradient**2, log.noise[1] ** 2)
     rows = np.sqrt(of_rows + of_rows[0])
     Q = noise.own * max(comparison.excess, 1.0) + noise.doubt
@@ -274,11 +282,12 @@ def _of_causes(comparison: HypothesisComparison, fit: Fit, of_log: bool = False)
         if own[k]:
             np.add.at(coefficients, list(c.columns), fit.of(k))
     known = np.where(point.of_equations != of_log, point.coefficients, 0.0)
-    nominal, flow = point.nominal.end, point.flow.end
-    ends = (point.as_logged.end, nominal) if of_log else (nominal, flow)
     # What the causes do that the flow has is known however large it is, the rest to first order.
-    moved = point.model.difference(*ends)
-    curve = log.running(power @ (coefficients - known) + at.work(moved))
+    if of_log:
+        work = at.work(point.model.difference(point.as_logged.end, point.nominal.end))
+    else:
+        work = point.work_of_causes[0]
+    curve = log.running(power @ (coefficients - known) + work)
     return Share(curve, np.sqrt(spread))
 
 
@@ -296,6 +305,94 @@ def _on_path(
     slack = log.running(np.einsum("km,km->k", at.weights[1], defects))
     error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
     return Share(share.curve, error)
+
+
+# --- a force that no cause explains ---
+
+PURE = 0.01
+"""Square of what coordinates depart by otherwise than by a force, in units of both squares, up to which rows
+depart by a force alone, or by fields of an integrator: a tenth of the amplitude."""
+
+WIDE = 10.0
+"""Numbers of filters in units of the usual ones of methods: these smooth a step, those some rows."""
+
+
+def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attribution] | None:
+    """The force by which most rows depart, with ΔC by it; None where they depart otherwise.
+
+    A force that is smooth in a step moves coordinates by what it moves speeds, times half of the step, or as
+    much as a method of first order does. So do filters, to the order of their fields. Logged forces may be
+    wrong in the log: it counts where none acts.
+    """
+    at, point = comparison.at, comparison.point
+    log, model, flow = point.log, point.model, point.flow
+    n, h, counts = model.n, log.intervals.h, flow.counts
+    if log.unknown.any() or point.forces.filter is not None:
+        return None
+    count = len(model.mechanism.free.u)
+    if count < len(model.mechanism.speeds):  # laws of time may be late
+        return None
+    if model.log.places and (model.rows_of_G or n < count):  # constraints pass forces on
+        return None
+    inertia, noise = model.inertia(log.intervals.start), log.noise[0] ** 2 + log.noise[1] ** 2
+    single = counts is not None and counts.max() == 1
+
+    def squares(x: Array) -> Array:
+        return np.asarray((inertia * x**2).sum(axis=1))
+
+    of_noise = squares(np.sqrt(noise[:, :n])) + squares(0.5 * h * np.sqrt(noise[:, n:]))
+    least, of, own, other = np.inf, flow.maps[-1], flow.w, flow.w[:, :n]
+    for one in flow.maps:
+        if one.method is not EXACT and not (single and one.method.order == 1):
+            continue
+        w = flow.plant.difference(one.end, log.intervals.end)
+        of_q, of_u = w[:, :n], h * w[:, n:]
+        rest = of_q - (0.5 + one.method.numbers.get("q: a", 0.0)) * of_u
+        size = squares(of_q) + squares(0.5 * of_u)
+        ratio = np.where(size > KNOWN * of_noise, squares(rest) / (size + 1e-300), 1.0)
+        if np.median(ratio) < least:
+            least, of, own, other = float(np.median(ratio)), one, w, rest
+    if least > PURE or _may_be_of_fields(comparison, own[:, n:], inertia):
+        return None
+    exchanged = through_free_speeds(point, own)
+    k = int(np.argmax(exchanged))
+    change = log.intervals.end.u[:, k] - log.intervals.start.u[:, k]
+    share = float(np.linalg.norm(own[:, n + k]) / (np.linalg.norm(change) + 1e-300))
+    name = model.mechanism.speeds[int(model.of_u[k])].name
+    if share < PURE:  # of flat filters the fields are of higher order, and small
+        return None
+    of_others = np.cumsum(np.abs(at.work(np.concatenate([other, np.zeros_like(other)], axis=1))))
+    of_rows = np.cumsum(at.work(np.sqrt(noise)) ** 2)
+    error = np.sqrt(of_others**2 + of_rows) * log.whole
+    method = flow.plant.difference(flow.end, of.end)
+    parts = Attribution(
+        log.intervals.end.t,
+        Share(log.running(at.work(method)), error),
+        Share(log.running(at.work(own)), error),
+        Share(np.zeros_like(error), np.sqrt(of_rows)),
+    )
+    return UnknownForce(name, float(exchanged.sum()), share), parts
+
+
+def through_free_speeds(point: Point, w: Array) -> Array:
+    """Energy (n,) that changes w (N, 2n) of states move through speeds on which no logged force acts, J."""
+    model = point.model
+    power = model.powers(point.log.intervals.end, w[:, model.n :, None])[:, :, 0]
+    acting = {k for places in model.log.places.values() for k in places}
+    free = np.array([int(k) not in acting for k in model.of_u])
+    return np.asarray(np.abs(power).sum(axis=0) * point.log.whole * free)
+
+
+def _may_be_of_fields(comparison: HypothesisComparison, w: Array, inertia: Array) -> bool:
+    """Whether fields with numbers as of filters leave a small share of what speeds depart by, w (N, n)."""
+    at, point = comparison.at, comparison.point
+    scale = np.sqrt(inertia / (PURE * np.mean(inertia * w**2)))
+    fields = at.B[:, point.model.n :, : at.fields]
+    X, y = (scale[:, :, None] * fields).reshape(w.size, -1), (scale * w).ravel()
+    numbers = np.eye(X.shape[1]) / (WIDE * point.tangent.prior)
+    X, y = np.concatenate([X, numbers]), np.append(y, np.zeros(len(numbers)))
+    c = np.linalg.lstsq(X, y, rcond=None)[0]
+    return float(np.sum((y - X @ c) ** 2)) < w.size
 
 
 # --- what else the same rows may be of ---

@@ -273,7 +273,7 @@ def _at_promising(comparison: HypothesisComparison) -> HypothesisComparison:
         if any(c.edit is not None for c in causes.chosen):
             break  # of those that look alike each is built, in `inference`
         try:
-            moved = _compared(moved.point.with_causes(causes), None)
+            moved = _compared_by(regression(moved.point.with_causes(causes)), None)
         except (FlowError, np.linalg.LinAlgError):
             break
         # What was fitted to rounding tells nothing of causes but where it is linearised at them.

@@ -802,12 +802,14 @@ def deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> f
 
 def beyond_causes(block: Block, best: Fit) -> tuple[float, float, Array]:
     """Log odds and share of what all columns explain beyond the best set, and their coefficients so far."""
-    coefficients = block.optimum
-    rows = block.count / autocorrelation_time(block.residual(coefficients))
+    coefficients, rank = block.optimum, block.rank
+    # So many columns fit noise as well: it is told by the numbers that they leave free.
+    free = max(block.count - rank, 1)
+    rows = free / autocorrelation_time(block.residual(coefficients))
     before, after = block.misfit(best.coefficients), block.misfit(coefficients)
-    odds = 0.5 * rows * float(np.log(before / after))
-    price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
-    return odds - price, 1.0 - after / before, coefficients - best.coefficients
+    ratio = max(before * free / (after * block.count), 1.0)
+    odds = 0.5 * rows * float(np.log(ratio)) - 0.5 * rank * float(np.log(max(rows, 2.0)))
+    return odds, 1.0 - 1.0 / ratio, coefficients - best.coefficients
 
 
 def intermittent(

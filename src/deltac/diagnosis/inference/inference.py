@@ -16,10 +16,11 @@ import numpy as np
 
 from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.calls.progress import TimeLimit
-from deltac.diagnosis.causes.causes import alike
+from deltac.diagnosis.causes.causes import TERMS_OF_AN_EQUATION, Candidate, alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import (
+    PURE,
     attributed,
     disputed_joules,
     equations_share,
@@ -30,6 +31,8 @@ from deltac.diagnosis.inference.attribution import (
     name_of,
     of_one_number,
     of_scattered_steps,
+    through_free_speeds,
+    unknown_force,
     unseen_joules,
     with_unexplained,
 )
@@ -74,6 +77,7 @@ from deltac.diagnosis.inference.result import (
 from deltac.kernels.rows import compiled_rows
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
 WORK = 3e8
 """Instructions that the columns of causes may take, about: some tenths of a second."""
@@ -119,7 +123,7 @@ class Unclosed:
         return {}
 
     def with_causes(
-        self, limit: TimeLimit | None = None, lacking: bool = False
+        self, limit: TimeLimit | None = None, lacking: bool = False, filtered: bool = False
     ) -> Inference | None:
         """The inference with causes; None where the equations have no motion between the rows.
 
@@ -134,7 +138,7 @@ class Unclosed:
                 found = _to_first_order(point, self.equations, self.kernels, limit, lacking)
                 if found is None or (before and _no_better(found[1], before)):
                     continue
-                own = _at_itself(point, *found, limit)
+                own = _at_itself(point, *found, self.equations, limit, filtered)
                 if own is None:
                     continue
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
@@ -364,7 +368,9 @@ def _at_itself(
     comparison: HypothesisComparison,
     result: Inference,
     asked: bool,
+    equations: LogEquations,
     limit: TimeLimit | None,
+    filtered: bool,
 ) -> Inference | None:
     """The result with causes that were found to first order, linearised at themselves."""
     try:
@@ -378,9 +384,62 @@ def _at_itself(
             alone = _closing_alone(point, comparison)
             if alone is not None:
                 return inferred(alone)
-        return _of_steps(comparison, result)
+        of_force = None if filtered else _of_force(point, result, equations)
+        return of_force or _of_steps(comparison, result)
     except NO_MOTION:
         return None
+
+
+def _of_force(point: Point, result: Inference, equations: LogEquations) -> Inference | None:
+    """The result without causes that leave a tenth of the amplitude, which is a force without a name.
+
+    Or with the term of one equation that it is.
+    """
+    run = point.run
+    interpolated = run.provenance.notes.get(ROWS) == INTERPOLATED
+    if result.unnamed <= PURE or "u" in run.provenance.derived or interpolated:
+        return None
+    alone = compared(_without_causes(point))
+    found = unknown_force(alone)
+    if found is None:
+        return None
+    force, parts = found
+    # Most of it may be named, and the rest of logged forces.
+    left = float(through_free_speeds(alone.point, result.residual).sum())
+    if left < np.sqrt(PURE) * force.exchanged:
+        return None
+    term = _term(point, equations)
+    if term is not None:
+        return term
+    posterior = replace(result.posterior, best=alone.posterior.best, alternatives=())
+    return replace(
+        inferred(alone),
+        force=force,
+        attribution=parts,
+        kernels=result.kernels,
+        posterior=posterior,
+        intermittent=(-np.inf, np.zeros(len(parts.t), dtype=np.bool_)),
+        unexplained=0.0,
+    )
+
+
+def _term(point: Point, equations: LogEquations) -> Inference | None:
+    """The result with terms of single equations as the only causes, if rows follow from each other then."""
+    speeds = equations.mechanism.speeds.names
+    some = {(what, speed) for _, what in TERMS_OF_AN_EQUATION for speed in speeds}
+    kernels = column_kernels(equations, some)
+    if not kernels.columns:
+        return None
+    comparison = likeliest(point.with_candidates(equations, kernels))
+    result = inferred(_relinearised(comparison))
+    right = result.posterior.best.chosen and (result.closes or result.excess <= KNOWN)
+    return result if right else None
+
+
+def _without_causes(point: Point) -> Point:
+    """The point of the model alone, without columns of causes."""
+    none: tuple[tuple[ColumnKernels, ...], tuple[Candidate, ...]] = (), ()
+    return replace(point, own=none, built=None, coefficients=np.zeros(0)).with_columns()
 
 
 def _closing_alone(point: Point, found: HypothesisComparison) -> HypothesisComparison | None:
@@ -390,8 +449,7 @@ def _closing_alone(point: Point, found: HypothesisComparison) -> HypothesisCompa
     """
     if found.blocks[0] is not found.rows or not found.posterior.best.chosen:
         return None
-    plain = replace(point, own=((), ()), built=None, coefficients=np.zeros(0)).with_columns()
-    alone = compared(plain)
+    alone = compared(_without_causes(point))
     if not alone.maps or alone.excess > 1.0:
         return None
     odds = _log_odds([found, alone])
@@ -466,7 +524,9 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
     left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
     for zero in zeros if len(turned) == 1 else ():
-        if zero is not None and block.misfit(zero.coefficients) <= left:
+        # What a zero does to third order is not in its columns.
+        third = 0.0 if zero is None else (zero.theta[0][0] ** 2 / 6.0) ** 2 * block.start
+        if zero is not None and block.misfit(zero.coefficients) <= max(left, third):
             own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
             return replace(comparison, posterior=own)
     others = [one for one in others if len(one.posterior.best.chosen) == 1]

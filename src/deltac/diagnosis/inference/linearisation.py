@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import simpson
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, alike, bends, candidates, candidates_at
@@ -611,6 +612,28 @@ class Point:
         unfiltered = self.forces.unfiltered
         flow = self.nominal if unfiltered is None else replace(self.nominal, forces=unfiltered)
         return flow.prediction
+
+    @cached_property
+    def work_of_causes(self) -> tuple[Array, Array]:
+        """Work of the causes that are in the plant, ∫∂E/∂u·δu̇ dt along its flow (N,), and its error, J.
+
+        What a step ends beyond the model's is squared in an energy, its power is not. By Simpson's rule at as
+        many nodes and at twice as many, extrapolated.
+        """
+        model, plant, h = self.model, self.flow.plant, self.log.intervals.h[:, 0]
+        if plant is model:
+            return np.zeros(len(h)), np.zeros(len(h))
+
+        def by(nodes: Sequence[Rows]) -> Array:
+            power = [
+                np.sum(model.energy_gradient(x)[:, model.n :] * (plant.at(x) - model.at(x)), axis=1)
+                for x in nodes
+            ]
+            return np.asarray(h * simpson(power, dx=1.0 / (len(nodes) - 1), axis=0))
+
+        coarse = by(self.flow.nodes)
+        fine = by(replace(self.flow, steps=2 * (len(self.flow.nodes) - 1)).nodes)
+        return fine + (fine - coarse) / 15.0, (fine - coarse) / 15.0
 
     @cached_property
     def w(self) -> Array:

@@ -284,6 +284,10 @@ class LogModel:
             gradient = gradient - np.concatenate([np.zeros_like(driven), driven], axis=1)
         return np.asarray(gradient)
 
+    def powers(self, rows: Rows, a: Array) -> Array:
+        """Power (T, n, p) by which changes of the accelerations (T, n, p) flow through each speed, W."""
+        return np.asarray(rows.u[:, :, None] * (self.matrices(rows.t, rows.q)[0] @ a))
+
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What generalized forces (T, n) or (T, n, p) add to the accelerations."""
         M, G = self.matrices(t, q)

@@ -125,6 +125,10 @@ class Reduced(LogModel):
         """Mass matrix and constraint Jacobian of all free speeds."""
         return self.whole.matrices(t, self._complete(t, q)[0])
 
+    def powers(self, rows: Rows, a: Array) -> Array:
+        """Power (T, n, p) by which changes of the accelerations flow through the independent speeds, W."""
+        return self.energy_gradient(rows)[:, self.n :, None] * a
+
     def of_geometry(self, t: Array, q: Array, columns: Array) -> Array:
         """Accelerations of columns M ∂u̇/∂θ of all free speeds."""
         return self.whole.of_geometry(t, self._complete(t, q)[0], columns)[:, self.own]

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import simpson
 
 from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, Array
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, first_order_jacobian
@@ -144,10 +145,14 @@ class Regression:
 
     @cached_property
     def works(self) -> Array:
-        """What a unit of each cause works on average (P, …), in the directions of some of the intervals."""
-        every = max(1, len(self.B) // ENOUGH)
-        B = self.of_causes[::every]
-        works = self.gradient[::every, :, None] * B / len(B)
+        """Mean power of a unit of each cause through each speed, of some of the intervals (P, …), W."""
+        point = self.point
+        some, model = slice(None, None, max(1, len(self.B) // ENOUGH)), point.model
+        nodes, columns = point.flow.nodes, [x[some] for x in point.columns]
+        power = [model.powers(at.take(some), x) for at, x in zip(nodes, columns, strict=True)]
+        works = simpson(power, dx=1.0 / (len(nodes) - 1), axis=0)
+        h = point.log.intervals.h[some][:, :, None]
+        works = works * h / np.sum(h)
         return np.ascontiguousarray(np.concatenate(works).T)
 
     def exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
@@ -155,7 +160,8 @@ class Regression:
 
         Of some of the intervals: these are sums that need two digits.
         """
-        scale, exchanged, errors, energies = self.point.log.whole * len(self.B), [], [], []
+        log, exchanged, errors, energies = self.point.log, [], [], []
+        scale = log.whole * float(np.sum(log.intervals.h))
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
             work = (fit.of(k) @ self.works[list(c.columns)]) * scale
             exchanged.append(float(np.abs(work).sum()))

@@ -95,6 +95,21 @@ class Generic:
         return self.explained if self.log_odds > CERTAIN else 0.0
 
 
+@dataclass(frozen=True)
+class UnknownForce:
+    """A force by which all rows depart that no cause explains, where no logged force acts.
+
+    Attributes:
+        speed: through which most of its energy flows.
+        exchanged: that energy, J.
+        share: of the changes of this speed from row to row that are of it (root mean square).
+    """
+
+    speed: str
+    exchanged: float
+    share: float
+
+
 @dataclass(frozen=True, eq=False)
 class Inference:
     """What was inferred of a log.
@@ -118,6 +133,7 @@ class Inference:
         energy: what each adds to ΔC by the end, J.
         generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
+        force: one without a name, by which all rows depart; None for none.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         disputed: energy (J) of the integrator's share that a mistake may have exchanged as well.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
@@ -163,6 +179,7 @@ class Inference:
     w: Array
     gradient: Array
     unbuilt: Inference | None = None
+    force: UnknownForce | None = None
 
     @cached_property
     def relative(self) -> tuple[Array, Array]:
@@ -178,7 +195,13 @@ class Inference:
     def finds_something(self) -> bool:
         """Whether a cause has odds that is of the equations, or something that has no name."""
         wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
-        return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
+        odds = max(self.generic.log_odds, self.intermittent[0])
+        return wrong or self.force is not None or odds > CERTAIN
+
+    @property
+    def kinds(self) -> list[str]:
+        """Of the causes found."""
+        return [c.kind for c in self.posterior.best.chosen]
 
     @property
     def late(self) -> bool:
@@ -190,6 +213,8 @@ class Inference:
     @property
     def flow(self) -> float:
         """The largest energy that a cause in the equations exchanges, with or without a name, J."""
+        if self.force is not None:
+            return self.force.exchanged
         best, generic = self.posterior.best, self.generic
         named = [
             float(joules)
@@ -208,7 +233,7 @@ class Inference:
     @property
     def unnamed(self) -> float:
         """Share of what the integrator leaves of the rows that is neither noise nor of the causes."""
-        if self.scattered:
+        if self.scattered or self.force is not None:
             return 0.0
         beyond_noise = max(1.0 - KNOWN / max(self.excess, KNOWN), self.generic.share)
         return (1.0 - self.explained) * beyond_noise

@@ -153,8 +153,10 @@ def compare(
         c = np.full_like(size, OWN_QUADRATURE + ON_A_CIRCLE)
     else:
         c = np.fmin(OWN_QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
-    # Nor is r told better than one quadrature along the rows tells it like another.
+    # Nor is r told better than one quadrature along the rows tells it like another: a trapezoid that leaves
+    # less than splines is that of a scheme, or of forces that were held from row to row.
     otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
+    otherwise += np.abs(np.vecdot(fine - I, I)) / np.vecdot(I, I)
     # Of rates that decay evenly a delay of a row does the same.
     along = np.vecdot(I, L) / np.vecdot(I, I)
     remainder = _sizes(L - along[:, None] * I)

@@ -592,8 +592,7 @@ def _judgement(
             other = _judgement(reference, before, known, limit, progress)
             if inference is None or _follows(other.inference):
                 return other
-        right = rezeroed(rows, inference, log.findings) if inference is not None else None
-        if inference is not None and right is not None:
+        if inference is not None and (right := rezeroed(rows, inference, log.findings)):
             zeroed = balanced(mechanism, right[0], reference.work, right[1])
             other = _judgement(reference, zeroed, known, limit, progress)
             if _follows(other.inference, max(KNOWN, inference.excess)):

@@ -214,11 +214,10 @@ def attributed(
 
 def with_unexplained(parts: Attribution, unexplained: Array) -> Attribution:
     """The attribution where joules (N,) that nothing explains may be the integrator's or the log's."""
-    shares = (
+    integrator, log = (
         Share(share.curve, np.hypot(share.curve_error, unexplained))
         for share in (parts.integrator, parts.log)
     )
-    integrator, log = shares
     return replace(parts, integrator=integrator, log=log)
 
 

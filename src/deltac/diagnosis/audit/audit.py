@@ -612,6 +612,8 @@ def _judgement(
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None
+    if inference is not None and inference.closes:  # nor are they in other units
+        findings = [f for f in findings if f.kind not in omissions.OF_UNITS]
     progress(0.7)
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]

@@ -328,11 +328,8 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
     n, h, counts = model.n, log.intervals.h, flow.counts
     if log.unknown.any() or point.forces.filter is not None:
         return None
-    count = len(model.mechanism.free.u)
-    if count < len(model.mechanism.speeds):  # laws of time may be late
-        return None
-    if model.log.places and (model.rows_of_G or n < count):  # constraints pass forces on
-        return None
+    if model.rows_of_G or n < len(model.mechanism.speeds):
+        return None  # solvers keep constraints by forces of their own, and laws of time may be late
     inertia, noise = model.inertia(log.intervals.start), log.noise[0] ** 2 + log.noise[1] ** 2
     single = counts is not None and counts.max() == 1
 

@@ -204,6 +204,11 @@ class Inference:
         return [c.kind for c in self.posterior.best.chosen]
 
     @property
+    def numbers(self) -> int:
+        """How many these have."""
+        return sum(c.size for c in self.posterior.best.chosen)
+
+    @property
     def late(self) -> bool:
         """Whether forces were found to act later or more smoothly than they were logged."""
         return self.filter is not None or any(

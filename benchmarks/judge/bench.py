@@ -316,7 +316,7 @@ def _rates(rows: list[Row], by: str) -> str:
             share(wrong, oracle_sees),
             share([r for r in wrong if oracle_sees(r)], seen),
             share(judged, lambda r: r["rank"] == 0),
-            share(judged, lambda r: r["first"]),
+            share(judged, lambda r: r.get("first")),
             share(judged, lambda r: r["rank"] is not None and r["rank"] < 3),
             share(judged, lambda r: r["kind_rank"] == 0),
             share(some, lambda r: covered(r, "integrator")),

@@ -16,7 +16,7 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.filters import ORDERS, realigned, rezeroed, unfiltered
+from deltac.diagnosis.audit.habits import ORDERS, realigned, rezeroed, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -673,7 +673,7 @@ def _inferred(
     if through is None:
         inference = begun.with_causes(limit, lacking, "filtered" in known)
     # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
-    # Zeros of coordinates are put right before, and causes of no more numbers than a filter are likelier.
+    # Zeros of coordinates are put right before. Causes that have no more numbers than a filter are likelier.
     if (
         inference is not None
         and "zero-offset" not in inference.kinds

@@ -32,6 +32,7 @@ from deltac.diagnosis.inference.integrators import (
     EXACT,
     INTEGRATORS,
     USUAL,
+    Integrator,
     IntegratorEstimate,
     Map,
     estimate,
@@ -330,25 +331,16 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
         return None
     if model.rows_of_G or n < len(model.mechanism.speeds):
         return None  # solvers keep constraints by forces of their own, and laws of time may be late
-    inertia, noise = model.inertia(log.intervals.start), log.noise[0] ** 2 + log.noise[1] ** 2
     single = counts is not None and counts.max() == 1
-
-    def squares(x: Array) -> Array:
-        return np.asarray((inertia * x**2).sum(axis=1))
-
-    of_noise = squares(np.sqrt(noise[:, :n])) + squares(0.5 * h * np.sqrt(noise[:, n:]))
     least, of, own, other = np.inf, flow.maps[-1], flow.w, flow.w[:, :n]
     for one in flow.maps:
         if one.method is not EXACT and not (single and one.method.order == 1):
             continue
-        w = flow.plant.difference(one.end, log.intervals.end)
-        of_q, of_u = w[:, :n], h * w[:, n:]
-        rest = of_q - (0.5 + one.method.numbers.get("q: a", 0.0)) * of_u
-        size = squares(of_q) + squares(0.5 * of_u)
-        ratio = np.where(size > KNOWN * of_noise, squares(rest) / (size + 1e-300), 1.0)
-        if np.median(ratio) < least:
-            least, of, own, other = float(np.median(ratio)), one, w, rest
-    if least > PURE or _may_be_of_fields(comparison, own[:, n:], inertia):
+        w, share = flow.plant.difference(one.end, log.intervals.end), _share_of_q(one.method)
+        ratio = np.median(otherwise_than_by_force(point, w, 1.0, share))
+        if ratio < least:
+            least, of, own, other = float(ratio), one, w, w[:, :n] - share * h * w[:, n:]
+    if least > PURE or _may_be_of_fields(comparison, own[:, n:]):
         return None
     exchanged = through_free_speeds(point, own)
     k = int(np.argmax(exchanged))
@@ -358,7 +350,7 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
     if share < PURE:  # of flat filters the fields are of higher order, and small
         return None
     of_others = np.cumsum(np.abs(at.work(np.concatenate([other, np.zeros_like(other)], axis=1))))
-    of_rows = np.cumsum(at.work(np.sqrt(noise)) ** 2)
+    of_rows = np.cumsum(at.work(np.hypot(*log.noise)) ** 2)
     error = np.sqrt(of_others**2 + of_rows) * log.whole
     method = flow.plant.difference(flow.end, of.end)
     parts = Attribution(
@@ -370,6 +362,34 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
     return UnknownForce(name, float(exchanged.sum()), share), parts
 
 
+def _share_of_q(method: Integrator) -> float:
+    """What a force in a step moves coordinates by, in units of the step times what it moves speeds by."""
+    return 0.5 + method.numbers.get("q: a", 0.0)
+
+
+def otherwise_than_by_force(point: Point, w: Array, of_noise: float, share: float = 0.5) -> Array:
+    """Square of what coordinates depart by otherwise than by a force, in units of both squares (N,).
+
+    Of changes w (N, 2n) of states by a method in which a force moves coordinates by that `share` of the step
+    times what it moves speeds. Intervals within the noise of the rows have the ratio `of_noise`.
+    """
+    n, h, inertia = (
+        point.model.n,
+        point.log.intervals.h,
+        point.model.inertia(point.log.intervals.start),
+    )
+
+    def squares(x: Array) -> Array:
+        return np.asarray((inertia * x**2).sum(axis=1))
+
+    def both(x: Array) -> Array:
+        return squares(x[:, :n]) + squares(0.5 * h * x[:, n:])
+
+    size, noise = both(w), both(np.hypot(*point.log.noise))
+    other = squares(w[:, :n] - share * h * w[:, n:]) / (size + 1e-300)
+    return np.where(size > KNOWN * noise, other, of_noise)
+
+
 def through_free_speeds(point: Point, w: Array) -> Array:
     """Energy (n,) that changes w (N, 2n) of states move through speeds on which no logged force acts, J."""
     model = point.model
@@ -379,9 +399,10 @@ def through_free_speeds(point: Point, w: Array) -> Array:
     return np.asarray(np.abs(power).sum(axis=0) * point.log.whole * free)
 
 
-def _may_be_of_fields(comparison: HypothesisComparison, w: Array, inertia: Array) -> bool:
+def _may_be_of_fields(comparison: HypothesisComparison, w: Array) -> bool:
     """Whether fields with numbers as of filters leave a small share of what speeds depart by, w (N, n)."""
     at, point = comparison.at, comparison.point
+    inertia = point.model.inertia(point.log.intervals.start)
     scale = np.sqrt(inertia / (PURE * np.mean(inertia * w**2)))
     fields = at.B[:, point.model.n :, : at.fields]
     X, y = (scale[:, :, None] * fields).reshape(w.size, -1), (scale * w).ravel()

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from deltac.arrays import EPS, Array
@@ -266,16 +267,12 @@ class InterpolatedForces:
         return forces, late
 
 
-SIMPSON = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 12.0
-"""Weights of five values at equal fractions of an interval in their mean, by Simpson's rule."""
-
-
 def impulse(responses: Array, forces: Array, h: Array) -> Array:
     """What forces (5, N, m, p) at equal fractions of each interval, h (N, 1), move its end by (N, 2n, p).
 
     `responses` (m, N, n) are the accelerations by a unit of each.
     """
-    left, of_unit = np.linspace(1.0, 0.0, 5), responses.transpose(1, 2, 0)
-    mean, moment = (np.tensordot(w, forces, axes=1) for w in (SIMPSON, left * SIMPSON))
-    h = h[:, :, None]
+    nodes, of_unit = np.linspace(0.0, 1.0, 5), responses.transpose(1, 2, 0)
+    left, h = (1.0 - nodes)[:, None, None, None], h[:, :, None]
+    mean, moment = (simpson(x, x=nodes, axis=0) for x in (forces, left * forces))
     return np.concatenate([h**2 * (of_unit @ moment), h * (of_unit @ mean)], axis=1)

@@ -31,6 +31,7 @@ from deltac.diagnosis.inference.attribution import (
     name_of,
     of_one_number,
     of_scattered_steps,
+    otherwise_than_by_force,
     through_free_speeds,
     unknown_force,
     unseen_joules,
@@ -262,18 +263,8 @@ def _accelerations_agree(point: Point) -> bool:
 
 def _of_no_force(point: Point, residual: Array) -> bool:
     """Whether most of what is left (N, 2n) is of no force: one moves coordinates by h/2 of the speeds."""
-    n, half, log = point.model.n, 0.5 * point.log.intervals.h, point.log
-    inertia = point.model.inertia(log.intervals.start)
-
-    def squares(x: Array) -> Array:
-        return np.asarray((inertia * x**2).sum(axis=1))
-
-    of_q, of_u = residual[:, :n], half * residual[:, n:]
-    alone = squares(of_q) + squares(of_u)
-    noise = sum(squares(x[:, :n]) + squares(half * x[:, n:]) for x in log.noise)
     # In most intervals: blows are of a few, and leave the others.
-    ratio = np.where(alone > KNOWN * noise, squares(of_q - of_u) / (alone + 1e-300), 0.0)
-    return bool(np.median(ratio) > FORCED)
+    return bool(np.median(otherwise_than_by_force(point, residual, 0.0)) > FORCED)
 
 
 def _with_excluded(alone: Inference, sample: Inference) -> Inference:

@@ -84,9 +84,12 @@ def closed_by_other_forces(
         moved = point.with_flow(forces=forces).with_noise_of_rows()
         if late or np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
             moved = moved.with_process_noise()
-            if not late and not compared(moved.sampled(sample)).closing:
+            few = moved.sampled(sample)
+            other = None if late else compared(few)
+            if other is not None and not other.closing:
                 continue
-            other = compared(moved)
+            if other is None or few is not moved:
+                other = compared(moved)
             others.append(other)
             if (other.closing or late) and other.evidence > likeliest.evidence:
                 likeliest = other

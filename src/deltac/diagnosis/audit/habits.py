@@ -1,4 +1,4 @@
-"""Logs behind a low-pass filter, with forces some rows early or late, or with coordinates of another zero.
+"""Habits of a log that are undone before it is judged: filters, forces of other rows, zeros of coordinates.
 
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
@@ -619,7 +619,7 @@ def rezeroed(
             told[c.element] = Finding(
                 c.kind,
                 sentence(inference.model.mechanism, c, whole, error),
-                "with the zero put right, each row follows from the one before",
+                "by how each row follows from the one before",
                 f"{KINDS[c.kind].remedy}; the verdict is of the log with its zero put right",
                 "note",
                 c.element,

@@ -16,7 +16,7 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.habits import ORDERS, realigned, rezeroed, unfiltered
+from deltac.diagnosis.audit.habits import ORDERS, may_be_filtered, realigned, rezeroed, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -590,7 +590,8 @@ def _judgement(
         inference, before = _inferred(reference, log, rows, limit, lacking)
         if before is not None:
             other = _judgement(reference, before, known, limit, progress)
-            if inference is None or _follows(other.inference):
+            # Where neither follows, a filter is likelier than causes that leave what is no noise.
+            if not _follows(inference) or _follows(other.inference):
                 return other
         if inference is not None and (right := rezeroed(rows, inference, log.findings)):
             zeroed = balanced(mechanism, right[0], reference.work, right[1])
@@ -672,6 +673,8 @@ def _inferred(
         through = unfiltered(model, rows)
     if through is None:
         inference = begun.with_causes(limit, lacking, "filtered" in known)
+        if inference is not None and inference.force is not None and may_be_filtered(model, rows):
+            inference = begun.with_causes(limit, lacking, True)
     # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
     # Zeros of coordinates are put right before. Causes that have no more numbers than a filter are likelier.
     if (

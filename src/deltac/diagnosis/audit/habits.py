@@ -51,7 +51,7 @@ from deltac.diagnosis.inference.linearisation import (
 from deltac.diagnosis.inference.methods import SQUARES
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import Observations, observations
-from deltac.diagnosis.inference.result import KNOWN, Inference
+from deltac.diagnosis.inference.result import KNOWN, UNNAMED, Inference
 from deltac.diagnosis.inference.whitening import inverse_sizes
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
@@ -531,6 +531,26 @@ def unfiltered(
             if own.low_pass:  # in all rows, and beside causes, numbers settle elsewhere
                 return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
+
+
+def may_be_filtered(model: LogModel, run: Trajectory) -> bool:
+    """Whether a filter of all rows would leave less of what they depart by than a cause has to explain.
+
+    It need not be one that is known, nor be undone: what a filter does looks like a force.
+    """
+    a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
+    h = np.diff(run.t[a:b])
+    if b - a < FEW or np.ptp(h) > ROUGHLY * h.mean():
+        return False
+    rows = _FilteredRows(model, run.take(slice(a, min(b, a + TELLING))), ())
+    with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
+        fits = (rows.again(fit) for order in ORDERS for fit in rows.first(order))
+        return any(fit.left**2 <= UNNAMED * rows.whole**2 for fit in fits)
+    return True
+
+
+TELLING = 600
+"""Rows that tell a filter from a force: some cycles of a motion in which neither is linear."""
 
 
 def _told(own: LowPass, h: float, left: float) -> Finding:

@@ -311,18 +311,15 @@ def _on_path(
 
 PURE = 0.01
 """Square of what coordinates depart by otherwise than by a force, in units of both squares, up to which rows
-depart by a force alone, or by fields of an integrator: a tenth of the amplitude."""
-
-WIDE = 10.0
-"""Numbers of filters in units of the usual ones of methods: these smooth a step, those some rows."""
+depart by a force alone: a tenth of the amplitude."""
 
 
 def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attribution] | None:
     """The force by which most rows depart, with ΔC by it; None where they depart otherwise.
 
     A force that is smooth in a step moves coordinates by what it moves speeds, times half of the step, or as
-    much as a method of first order does. So do filters, to the order of their fields. Logged forces may be
-    wrong in the log: it counts where none acts.
+    much as a method of first order does. So do filters. Logged forces may be wrong in the log: what counts is
+    where none acts.
     """
     at, point = comparison.at, comparison.point
     log, model, flow = point.log, point.model, point.flow
@@ -340,7 +337,7 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
         ratio = np.median(otherwise_than_by_force(point, w, 1.0, share))
         if ratio < least:
             least, of, own, other = float(ratio), one, w, w[:, :n] - share * h * w[:, n:]
-    if least > PURE or _may_be_of_fields(comparison, own[:, n:]):
+    if least > PURE:
         return None
     exchanged = through_free_speeds(point, own)
     k = int(np.argmax(exchanged))
@@ -397,19 +394,6 @@ def through_free_speeds(point: Point, w: Array) -> Array:
     acting = {k for places in model.log.places.values() for k in places}
     free = np.array([int(k) not in acting for k in model.of_u])
     return np.asarray(np.abs(power).sum(axis=0) * point.log.whole * free)
-
-
-def _may_be_of_fields(comparison: HypothesisComparison, w: Array) -> bool:
-    """Whether fields with numbers as of filters leave a small share of what speeds depart by, w (N, n)."""
-    at, point = comparison.at, comparison.point
-    inertia = point.model.inertia(point.log.intervals.start)
-    scale = np.sqrt(inertia / (PURE * np.mean(inertia * w**2)))
-    fields = at.B[:, point.model.n :, : at.fields]
-    X, y = (scale[:, :, None] * fields).reshape(w.size, -1), (scale * w).ravel()
-    numbers = np.eye(X.shape[1]) / (WIDE * point.tangent.prior)
-    X, y = np.concatenate([X, numbers]), np.append(y, np.zeros(len(numbers)))
-    c = np.linalg.lstsq(X, y, rcond=None)[0]
-    return float(np.sum((y - X @ c) ** 2)) < w.size
 
 
 # --- what else the same rows may be of ---

@@ -11,9 +11,9 @@ from deltac.problems.bouncing_ball import problem
 GRAVITY, HEIGHT, STEP, ROWS = 9.81, 1.0, 0.01, 300
 
 
-def bounced(restitution: float) -> dc.Trajectory:
-    """Heights and speeds of a ball that fell from `HEIGHT`, at even times, by its parabolas."""
-    begin, speed = -np.sqrt(2.0 * HEIGHT / GRAVITY), np.sqrt(2.0 * GRAVITY * HEIGHT)
+def bounced(restitution: float, height: float = HEIGHT) -> dc.Trajectory:
+    """Heights and speeds of a ball that fell from a height, at even times, by its parabolas."""
+    begin, speed = -np.sqrt(2.0 * height / GRAVITY), np.sqrt(2.0 * GRAVITY * height)
     q, u, times = [], [], np.asarray(STEP * np.arange(ROWS))
     for t in times:
         while t - begin > 2.0 * speed / GRAVITY:
@@ -37,6 +37,13 @@ def test_impacts_of_the_model_are_taken() -> None:
     assert count > 3, count
     assert lost == pytest.approx(GRAVITY * HEIGHT * (1.0 - 0.8 ** (2 * count)), rel=1e-9)
     assert np.abs(audit.energy_error).max() < 1e-10
+
+
+def test_a_row_at_the_time_of_an_impact() -> None:
+    """The ball falls for 45 rows: the rows of the impact and of the log are of one instant."""
+    audit = dc.audit(problem(0.8), bounced(0.8, 0.5 * GRAVITY * (45.0 * STEP) ** 2))
+    assert audit.verdict.kind == "consistent", audit.explain()
+    assert np.min(np.abs([event.t - 0.45 for event in audit.run.events])) < 1e-12
 
 
 @pytest.mark.parametrize("own", [0.78, 0.81, 0.9])
@@ -73,3 +80,9 @@ def test_two_impacts_tell_no_restitution() -> None:
     """Two departures may be alike by chance, as what a method does to the places of impacts."""
     audit = dc.audit(problem(0.8), bounced(0.9).take(slice(0, 180)))
     assert audit.verdict.kind == "unresolved", audit.explain()
+
+
+def test_an_impact_at_the_last_row() -> None:
+    fallen = bounced(0.8, 0.5 * GRAVITY * (45.0 * STEP) ** 2).take(slice(0, 46))
+    audit = dc.audit(problem(0.8), fallen)
+    assert audit.verdict.kind == "consistent", audit.explain()

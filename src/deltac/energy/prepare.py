@@ -8,7 +8,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
@@ -68,8 +68,14 @@ def _rates(run: LogRows, y: Array) -> Array:
 
 
 def _rate(t: Array, y: Array) -> Array:
-    """`spline_rate` of a piece; one that is no longer than an instant has none."""
-    return spline_rate(t, y) if t[-1] > t[0] else np.zeros_like(y)
+    """`spline_rate` of a piece, in which rows may be at the time of an event; an instant has no rate."""
+    later = np.diff(t) > SAME * (t[-1] - t[0])
+    if later.all():
+        return spline_rate(t, y)
+    instants = np.append(True, later)
+    if not later.any():
+        return np.zeros_like(y)
+    return np.asarray(spline_rate(t[instants], y[instants])[np.cumsum(instants) - 1])
 
 
 def _held(run: LogRows) -> set[str]:

@@ -176,14 +176,7 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
         jump = sum((e.u_after - e.u_before for e in own.events), np.zeros_like(departs))
         if np.any(jump):
             hits.append((departs, jump))
-            # The log has neither their accelerations nor their forces.
-            events += [
-                Occurrence(
-                    t=e.t, names=e.names, q=e.q, u_before=e.u_before, u_after=e.u_after,
-                    impulses=e.impulses,
-                )
-                for e in own.events
-            ]  # fmt: skip
+            events += [_of_rows(e, run, SAME * float(h[k])) for e in own.events]
         else:
             free.append(np.abs(departs).max())
     if not hits:
@@ -192,6 +185,21 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
     finding = _impacts_told(events, hits, float(np.median(free)), float(of_a_step))
     rows = replace(run, udot=None, works={}, integrals={}, events=tuple(events))
     return None if finding is None else (rows, finding)
+
+
+def _of_rows(event: Occurrence, run: Trajectory, instant: float) -> Occurrence:
+    """A simulated event among rows that have neither its accelerations nor its forces.
+
+    A row within an `instant` (s) of it is before or after it, as its speeds tell, whatever rounding does.
+    """
+    t, k = event.t, int(np.argmin(np.abs(run.t - event.t)))
+    if abs(run.t[k] - t) <= instant:
+        before, after = (np.abs(run.u[k] - u).max() for u in (event.u_before, event.u_after))
+        t = float(run.t[k] if after <= before else np.nextafter(run.t[k], np.inf))
+    return Occurrence(
+        t=t, names=event.names, q=event.q, u_before=event.u_before, u_after=event.u_after,
+        impulses=event.impulses,
+    )  # fmt: skip
 
 
 def _impacts_told(

@@ -21,7 +21,13 @@ from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import LoggedForce
-from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
+from deltac.diagnosis.inference.hypotheses import (
+    Block,
+    _ordered,
+    autocorrelation_time,
+    fitted,
+    nothing,
+)
 from deltac.diagnosis.inference.inference import infer, inferred, likeliest
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
 from deltac.diagnosis.inference.linearisation import start
@@ -666,6 +672,26 @@ def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> Non
     largest = max(result.unseen, key=lambda name: result.unseen[name])
     # Long stretches tell more of a number than as many rows in short ones: a sample errs to the safe side.
     assert 0.5 < closed.unseen[largest] / result.unseen[largest] < 100.0
+
+
+def test_no_number_of_an_integrator_is_less_known_than_by_its_prior() -> None:
+    """Columns that fit far below the digits of the rows, two of them alike, beside the noise of these digits.
+
+    The covariance is Bayes's, (DᵀD/v + P⁻²)⁻¹ with the variance v of the digits, times τ of what is left.
+    """
+    rng = np.random.default_rng(7)
+    D = rng.standard_normal((200, 1, 3))
+    D[:, :, 2] = D[:, :, 1] + 1e-7 * D[:, :, 2]
+    prior, none = np.full(3, 0.5), np.zeros(0, dtype=np.intp)
+    r = D @ np.array([1e-5, 0.0, 0.0]) + 1e-6 * rng.standard_normal((200, 1))
+    block = Block(r, D, np.arange(3), prior, none, rounding=1.0)
+    told = block.numbers(nothing(0))[1]
+    variance = block.misfit(np.zeros(0)) / block.count
+    assert variance > 1e9 * block.variance
+    noise = variance * autocorrelation_time(block.residual(np.zeros(0)))
+    exact = np.linalg.inv(D[:, 0].T @ D[:, 0] / noise + np.diag(prior**-2.0))
+    assert told == pytest.approx(exact, rel=1e-6, abs=1e-9)
+    assert np.all(np.sqrt(np.diag(told)) <= prior)
 
 
 def test_the_order_in_which_causes_are_fitted_is_by_least_squares() -> None:

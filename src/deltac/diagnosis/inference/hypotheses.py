@@ -116,8 +116,13 @@ class Block:
     def numbers(self, fit: Fit) -> tuple[Array, Array]:
         """Numbers of the nuisance columns beside the causes of a fit, and their covariance."""
         p, variance = self.projected, self.misfit(fit.coefficients) / self.count
-        tau = autocorrelation_time(self.residual(fit.coefficients))
-        return p.nuisance_at(fit.coefficients), p.inverse * variance * tau
+        noise = variance * autocorrelation_time(self.residual(fit.coefficients))
+        # No number is less known than by its prior, also beside more noise than that was taken beside.
+        wider = np.diag(np.sqrt(max(noise - self.variance, 0.0)) / self.prior)
+        rows = np.concatenate([p.triangle, wider])
+        s = inverse_sizes(np.einsum("ij,ij->j", rows, rows))
+        inverse = s[:, None] * np.linalg.pinv(rows * s, rcond=1e-14)
+        return p.nuisance_at(fit.coefficients), inverse @ inverse.T * noise
 
     @property
     def rank(self) -> int:
@@ -152,7 +157,7 @@ class Block:
         left = A[np.ix_(c, c)] - of_c.T @ of_c
         return Projected(
             left, b[c] - of_c.T @ of_r, rss, origin, np.diag(A)[c], inverse @ of_r,
-            inverse @ inverse.T, inverse @ of_c, rr, basis,
+            R / s, inverse @ of_c, rr, basis,
         )  # fmt: skip
 
     @cached_property
@@ -213,7 +218,7 @@ ALL_COLUMNS = slice(None)
 class Projected:
     """The causes' Gram matrix after the nuisance columns, with Dᵀr, RSS and nuisance numbers at an origin.
 
-    `basis` is orthonormal, of the nuisance columns and the rows of their prior.
+    `basis` is orthonormal, of the nuisance columns and the rows of their prior; `triangle` makes these of it.
     """
 
     A: Array
@@ -222,7 +227,7 @@ class Projected:
     origin: Array
     raw: Array
     nuisance: Array
-    inverse: Array
+    triangle: Array
     to: Array
     total: float
     basis: Array

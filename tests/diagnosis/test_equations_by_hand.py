@@ -35,10 +35,10 @@ MECHANISM = dc.Mechanism(
 )
 
 
-def rate(x: Array, of_speeds: float = 1.0, push: float = 0.0) -> Array:
+def rate(x: Array, of_speeds: float = 1.0, push: float = 0.0, inertia: float = INERTIA) -> Array:
     """ẋ with the term of θ̇² in the cart's equation times a factor, and an unknown push on the pendulum."""
     (_, q), (v, w) = x[:2], x[2:]
-    M = np.array([[CART + BOB, BOB * ARM * np.cos(q)], [0.0, INERTIA + BOB * ARM**2]])
+    M = np.array([[CART + BOB, BOB * ARM * np.cos(q)], [0.0, inertia + BOB * ARM**2]])
     M[1, 0] = M[0, 1]
     F = [
         of_speeds * BOB * ARM * np.sin(q) * w**2 - DAMPING * v,
@@ -107,6 +107,27 @@ def test_a_term_of_one_equation_that_is_missing_has_a_name() -> None:
     told = audit.attribution.equations
     assert told.energy == pytest.approx(work(0.0, 0.0), rel=1e-6)
     assert cause.energy == pytest.approx(told.energy, rel=0.05)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_moment_of_inertia_that_was_forgotten_is_none(every: int) -> None:
+    """The bob as a point: what the model's inertia would have taken is ½ I θ̇²."""
+    x = np.empty((STEPS + 1, 4))
+    x[0] = 0.0, 1.9, 0.3, 0.0
+    for k in range(STEPS):
+        slopes, at = [], x[k]
+        for c in (0.5, 0.5, 1.0, 0.0):
+            slopes.append(rate(at, inertia=0.0))
+            at = x[k] + c * H * slopes[-1]
+        x[k + 1] = x[k] + H / 6.0 * np.array([1.0, 2.0, 2.0, 1.0]) @ slopes
+    rows = x[::every]
+    audit = dc.audit(MECHANISM, log(rows, every * H))
+    assert audit.verdict.kind == "equation-error" and audit.attribution is not None
+    [cause] = audit.causes
+    assert (cause.kind, cause.element) == ("body-moments", "bob")
+    assert cause.size == pytest.approx(0.0, abs=1e-5)
+    work = 0.5 * INERTIA * (rows[-1, 3] ** 2 - rows[0, 3] ** 2)
+    assert audit.attribution.equations.energy == pytest.approx(work, rel=1e-5)
 
 
 @pytest.mark.parametrize(("of_speeds", "push", "where"), [(0.7, 0.0, "rail"), (1.0, 0.15, "hinge")])

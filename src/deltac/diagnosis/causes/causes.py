@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, Array
 from deltac.diagnosis.causes.columns import (
     MOMENTS,
     OF_GEOMETRY,
@@ -42,7 +42,7 @@ from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
-Sign = Literal["any", "positive", "factor", "slip"]
+Sign = Literal["any", "positive", "factor", "forgotten", "slip"]
 
 SAME_VALUE = "Give the model the value that the simulator used"
 MASSES = "Check masses and inertias of the model against those that the simulator used"
@@ -63,7 +63,7 @@ class CauseKind:
     number  name of its number
     unit    of its number; {F}, {q} and {J} are those of a joint's force, coordinate and inertia
     sign    "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
-            "slip": it is a factor that a slip in equations makes
+            "forgotten": at least 0, and no factor above 10; "slip": a factor that a slip in equations makes
     tells   which of a body's mass m, mass centre c and central inertia J it tells
     """
 
@@ -125,7 +125,7 @@ KINDS = {
     "stiffness": _other("stiffness", "stiffness", "{F}/{q}"),
     "missing-damper": _lacking("viscous damping", "damping", "{F}·s/{q}"),
     "missing-rotor-inertia": _lacking("rotor inertia", "rotor inertia", "{J}"),
-    "armature": _other("rotor inertia", "rotor inertia", "{J}", "positive"),
+    "armature": _other("rotor inertia", "rotor inertia", "{J}", "forgotten"),
     "zero-offset": CauseKind(
         "the zero of joint {element} is off: it is logged {shown} {unit} too large",
         "Calibrate the zero of this coordinate, or subtract the offset",
@@ -355,6 +355,7 @@ class Candidate:
         """
         size = np.abs(self.base + theta)
         far = "1" in self.units and bool(np.any((size > 2.0) | (size < 0.5)))
+        far &= self.sign != "forgotten" or bool(size[0] > SLIPPED)
         far |= self.origin == FREE and self.kind in OF_JOINTS
         place: int = PREFERENCE.index(self.kind)
         return place + len(PREFERENCE) if far else place
@@ -389,6 +390,10 @@ class Candidate:
             return self.names == other.names
         return same and any(fact in others for fact in own)
 
+    def possible(self, theta: Array) -> bool:
+        """Whether numbers that have settled are possible: moments of inertia are forgotten or some."""
+        return self.sign != "forgotten" or bool(theta[0] > -(1.0 + SLIPPED) * self.base[0])
+
     def plausible(self, theta: Array) -> bool:
         """Whether the world could have it: dampers brake, masses stay within a decade."""
         value = self.base + theta
@@ -417,6 +422,9 @@ class Candidate:
             return bool(np.all(value > 0.0))
         if self.sign == "slip":
             return any(abs(float(value[0]) - x) < SLIPPED for x in SLIPS)
+        if self.sign == "forgotten":  # to first order less than nothing
+            most = value[0] < 10.0 or "1" not in self.units or other_unit(value)
+            return bool(most and value[0] > -self.base[0])
         return (
             self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0))) or other_unit(value)
         )
@@ -512,7 +520,11 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         yield from cause("gyroscopic-terms", b.name, own, [1.0], 1.0)
         yield from cause("body-inertia", b.name, at, mass + moments, 1.0)
         yield from cause("body-mass", b.name, at, mass, 1.0)
-        yield from cause("body-moments", b.name, at, moments, 1.0)
+        # Of a body without any inertia every equation closes.
+        turning = [n for n, k in enumerate(indices) if 4 <= k < 7]
+        still = np.all((NEGLIGIBLE * moments < mass)[turning])
+        sign = "forgotten" if still else "factor"
+        yield from cause("body-moments", b.name, at, moments, 1.0, sign=sign)
         yield from _centres(b, at, indices)
         yield from _moments(b, at, indices)
     if len(whole) > 1:

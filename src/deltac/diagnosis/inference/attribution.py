@@ -339,7 +339,10 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
             least, of, own, other = float(ratio), one, w, w[:, :n] - share * h * w[:, n:]
     if least > PURE:
         return None
-    exchanged = through_free_speeds(point, own)
+    exchanged, free = through_speeds(point, own)
+    if not exchanged[free].sum() > 0.5 * exchanged.sum():
+        return None
+    exchanged = exchanged * free
     k = int(np.argmax(exchanged))
     change = log.intervals.end.u[:, k] - log.intervals.start.u[:, k]
     share = float(np.linalg.norm(own[:, n + k]) / (np.linalg.norm(change) + 1e-300))
@@ -387,13 +390,13 @@ def otherwise_than_by_force(point: Point, w: Array, of_noise: float, share: floa
     return np.where(size > KNOWN * noise, other, of_noise)
 
 
-def through_free_speeds(point: Point, w: Array) -> Array:
-    """Energy (n,) that changes w (N, 2n) of states move through speeds on which no logged force acts, J."""
+def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Energy (n,) that changes w (N, 2n) of states move through speeds, J; and where no logged force acts."""
     model = point.model
     power = model.powers(point.log.intervals.end, w[:, model.n :, None])[:, :, 0]
     acting = {k for places in model.log.places.values() for k in places}
     free = np.array([int(k) not in acting for k in model.of_u])
-    return np.asarray(np.abs(power).sum(axis=0) * point.log.whole * free)
+    return np.abs(power).sum(axis=0) * point.log.whole, free
 
 
 # --- what else the same rows may be of ---

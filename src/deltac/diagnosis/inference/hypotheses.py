@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate
+from itertools import accumulate, combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -654,6 +654,50 @@ def search(
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
 
+def several_of_one_kind(
+    block: Block,
+    candidates: Sequence[Candidate],
+    exchanged: Callable[[Fit], Array],
+    least: float,
+) -> list[Fit]:
+    """Sets of several causes of one kind or two, each of them plausible and of some joules.
+
+    Files of mechanisms leave dampers and rotors out of all joints. One after the other, something else that
+    does a little of all that they do would be preferred.
+    """
+    none, sets = nothing(len(block.causes)), list[Fit]()
+    for some in _of_one_kind(candidates):
+        fit: Fit | None = none
+        while fit is not None and len(some) > 1 and len(fit.chosen) < len(some):
+            fit = fitted((block,), some)
+            if fit is not None:
+                each = zip(fit.chosen, fit.theta, exchanged(fit).tolist(), strict=True)
+                some = [c for c, theta, joules in each if joules >= least and c.plausible(theta)]
+        if fit is not None and len(some) > 1 and not any(fit.alike(one) for one in sets):
+            sets.append(fit)
+    return sets
+
+
+def _of_one_kind(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
+    """Causes of one number that are the same mistake, or two that files make in all joints."""
+    kinds: dict[str, list[Candidate]] = {}
+    for c in candidates:
+        if c.size == 1:
+            kinds.setdefault(c.kind, []).append(c)
+    several = {
+        kind: some
+        for kind, some in kinds.items()
+        if 1 < len(some) == len({c.what for c in some}) <= MANY
+    }
+    yield from several.values()
+    for one, other in combinations([several[kind] for kind in LEFT_OUT if kind in several], 2):
+        yield [*one, *other]
+
+
+LEFT_OUT = ("missing-damper", "missing-rotor-inertia", "missing-friction")
+"""What files of mechanisms leave out of joints, and simulators have."""
+
+
 def _of_one_body(
     best: Fit, candidates: Sequence[Candidate]
 ) -> Iterator[tuple[Candidate, Candidate]]:
@@ -746,8 +790,9 @@ def steadfast(posterior: Posterior, blocks: Sequence[Block], alternatives: int) 
     best = posterior.best
     while best.chosen:
         odds = _by_stretches(blocks, best, alternatives)
-        worst = int(np.argmin(odds))
-        if odds[worst] >= CERTAIN:
+        possible = [c.possible(x) for c, x in zip(best.chosen, best.theta, strict=True)]
+        worst = int(np.argmin(np.where(possible, odds, -np.inf)))
+        if possible[worst] and odds[worst] >= CERTAIN:
             break
         best = _without(blocks, best, worst)
     if best is posterior.best:

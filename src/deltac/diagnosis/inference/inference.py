@@ -32,7 +32,7 @@ from deltac.diagnosis.inference.attribution import (
     of_one_number,
     of_scattered_steps,
     otherwise_than_by_force,
-    through_free_speeds,
+    through_speeds,
     unknown_force,
     unseen_joules,
     with_unexplained,
@@ -66,7 +66,7 @@ from deltac.diagnosis.inference.linearisation import (
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
-from deltac.diagnosis.inference.regression import by_accelerations
+from deltac.diagnosis.inference.regression import by_accelerations, mistakes_of_one_kind
 from deltac.diagnosis.inference.result import (
     KNOWN,
     OF_DELAYS,
@@ -367,7 +367,7 @@ def _at_itself(
     try:
         chosen = comparison.posterior.best.chosen
         if chosen and asked and not _passed(limit, "causes linearised at themselves"):
-            comparison = _relinearised(comparison)
+            comparison = _with_further(_relinearised(comparison), comparison.point)
             causes, others = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
@@ -396,7 +396,8 @@ def _of_force(point: Point, result: Inference, equations: LogEquations) -> Infer
         return None
     force, parts = found
     # Most of it may be named, and the rest of logged forces.
-    left = float(through_free_speeds(alone.point, result.residual).sum())
+    exchanged, free = through_speeds(alone.point, result.residual)
+    left = float(exchanged[free].sum())
     if left < np.sqrt(PURE) * force.exchanged:
         return None
     term = _term(point, equations)
@@ -531,10 +532,10 @@ def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparis
 
 
 def _likeliest(built: Sequence[HypothesisComparison]) -> list[HypothesisComparison]:
-    """Those that leave nothing, or else those as likely as the best."""
+    """Those that leave nothing, by a known method if there is one, or else those as likely as the best."""
     equal = [one for one in built if _nothing_left(one)]
     if equal or not built:
-        return equal
+        return [one for one in equal if one.maps] or equal
     odds = _log_odds(built)
     return [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
 
@@ -643,10 +644,18 @@ def _linearised(
 
 
 def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
-    """Causes that explain most of what is left to first order, of each the likeliest in so many numbers."""
+    """Causes that explain most of what is left to first order, of each the likeliest in so many numbers.
+
+    Those of the geometry, and mistakes that were made several times.
+    """
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
+    rivals = [
+        one
+        for one in mistakes_of_one_kind(comparison.at, block)
+        if block.misfit(one.best.coefficients) < SLIGHT * block.start
+    ]
     if not any(c.edit is not None for _, c, _ in scores):
-        return []
+        return rivals
     least = dict[tuple[str, str, str, int], Fit]()
     whats = {c.what for _, c, _ in scores if c.kind not in OF_THE_LOG}
     for c in (c for c in point.candidates if c.what in whats):
@@ -656,7 +665,7 @@ def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
         bound = block.misfit(least[key].coefficients) if key in least else SLIGHT * block.start
         if block.misfit(fit.coefficients) < bound:
             least[key] = fit
-    return [Posterior(fit, (), ()) for fit in least.values()]
+    return [*rivals, *(Posterior(fit, (), ()) for fit in least.values())]
 
 
 def _beside(
@@ -667,13 +676,6 @@ def _beside(
     if len(best.chosen) != 1:
         return built
     of_geometry = best.chosen[0].edit is not None
-    if of_geometry and not _nothing_left(built):
-        searched = compared(built.point).posterior
-        if len(searched.best.chosen) > 1 and best.chosen[0] in searched.best.chosen:
-            further = _at_causes(point, searched)
-            odds = _log_odds([built, further]) if further is not None else np.zeros(2)
-            if further is not None and odds[1] > odds[0] + CERTAIN:
-                return further
     some = np.flatnonzero(best.coefficients)
     others = [] if of_geometry else list(built.posterior.alternatives)
     for one in equal:
@@ -686,6 +688,22 @@ def _beside(
         tangent[some] = along
         others.append(replace(fit, chosen=(same,), coefficients=best.coefficients, tangent=tangent))
     return replace(built, posterior=replace(built.posterior, alternatives=tuple(others)))
+
+
+def _with_further(built: HypothesisComparison, point: Point) -> HypothesisComparison:
+    """The comparison with causes beside those found that the squares of these have hidden."""
+    for _ in range(RELINEARISATIONS):
+        own = {c.name for c in built.posterior.best.chosen}
+        if not own or _nothing_left(built) or built.closing:
+            break
+        sets = [*mistakes_of_one_kind(built.at, built.rows), compared(built.point).posterior]
+        more = [one for one in sets if own < {c.name for c in one.best.chosen}]
+        tried = [one for one in (_at_causes(point, found) for found in more) if one is not None]
+        odds = _log_odds([built, *tried])
+        if odds.max() <= odds[0] + CERTAIN:
+            break
+        built = tried[int(np.argmax(odds)) - 1]
+    return built
 
 
 def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:

@@ -23,6 +23,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     refitted,
     search,
+    several_of_one_kind,
 )
 from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of
 from deltac.diagnosis.inference.linearisation import (
@@ -338,13 +339,25 @@ def searched(
         return refitted((block,), before, point.candidates)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
     many = (MANY, 0.0, True) if point.accelerations_known else (most, NEGLIGIBLE)
-    # What the series leaves out is no matter of known accelerations, nor of a method's own map.
-    series = len(block.nuisance) > at.bent.shape[2]
-    least = max(at.bias, at.omitted if series else 0.0)
-    negligible = SIX_DIGITS * point.energy
+    least, negligible = _least_joules(at, block), SIX_DIGITS * point.energy
     return search(
         (block,), point.candidates, lambda fit: at.exchanged(fit)[0], least, negligible, *many
     )
+
+
+def _least_joules(at: Regression, block: Block) -> float:
+    """Joules below which nothing is evidence of a mistake."""
+    # What the series leaves out is no matter of known accelerations, nor of a method's own map.
+    series = len(block.nuisance) > at.bent.shape[2]
+    return max(at.bias, at.omitted if series else 0.0)
+
+
+def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:
+    """The same mistake, made several times."""
+    least = max(_least_joules(at, block), SIX_DIGITS * at.point.energy)
+    candidates = at.point.candidates
+    sets = several_of_one_kind(block, candidates, lambda fit: at.exchanged(fit)[0], least)
+    return [Posterior(fit, (), ()) for fit in sets]
 
 
 def by_accelerations(point: Point, some: NDArray[np.intp]) -> tuple[Block, Array]:

@@ -343,14 +343,14 @@ def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Stat
             return altered(s)
         # A class may keep a list of what is derived from it.
         bases = s.node.bases if isinstance(s.node, ast.ClassDef) else []
-        return {*map(_base, bases)}.union(altered(s) if s.node.decorator_list else ())
+        return {*map(base_name, bases)}.union(altered(s) if s.node.decorator_list else ())
 
     def sets_up(s: Statement) -> bool:
         """Whether it sets an option of a package that is needed, or where modules are found."""
         call = s.node.value if isinstance(s.node, ast.Expr) else None
         if not isinstance(call, ast.Call) or not s.reads <= imported.keys() | BUILTIN:
             return False
-        used = imported.get(_base(call.func), frozenset())
+        used = imported.get(base_name(call.func), frozenset())
         return bool(used & (SURROUNDINGS | roots)) and not ast.unparse(call.func).endswith("exit")
 
     changes = [effects(s) for s in statements]
@@ -394,9 +394,9 @@ def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
     alters, sets, passes, calls = set[str](), set[str](), set[str](), set[str]()
     for part in ast.walk(node):
         if isinstance(part, ast.Subscript | ast.Attribute) and not isinstance(part.ctx, ast.Load):
-            alters.add(_base(part))
+            alters.add(base_name(part))
         elif isinstance(part, ast.AugAssign):
-            alters.add(_base(part.target))
+            alters.add(base_name(part.target))
         elif (
             isinstance(part, ast.Assign | ast.AnnAssign | ast.NamedExpr) and part.value is not None
         ):
@@ -404,7 +404,7 @@ def _statement(node: ast.stmt, path: str, flags: int) -> Statement:
         elif isinstance(part, ast.Global):
             sets |= set(part.names)
         elif isinstance(part, ast.Call):
-            (calls if isinstance(part.func, ast.Name) else passes).add(_base(part.func))
+            (calls if isinstance(part.func, ast.Name) else passes).add(base_name(part.func))
             for value in chain(part.args, (k.value for k in part.keywords)):
                 passes |= _whole(value)
     roots = _roots(node)
@@ -450,7 +450,7 @@ def _names(code: CodeType) -> tuple[set[str], set[str]]:
     return reads, binds
 
 
-def _base(node: ast.expr) -> str:
+def base_name(node: ast.expr) -> str:
     """The name p in p.a["b"].c; empty for anything else."""
     while isinstance(node, ast.Attribute | ast.Subscript | ast.Starred):
         node = node.value
@@ -463,7 +463,7 @@ def _whole(node: ast.expr) -> set[str]:
         return {n for value in node.elts for n in _whole(value)}
     if isinstance(node, ast.Dict):
         return {n for value in node.values for n in _whole(value)}
-    return {_base(node)}
+    return {base_name(node)}
 
 
 def _of_constants(node: ast.stmt) -> bool:

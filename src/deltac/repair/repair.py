@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +24,13 @@ from deltac.diagnosis import Caller, States, blame
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
-from deltac.repair.edits.candidates import EditCandidate, unified_diff
+from deltac.repair.edits.candidates import EditCandidate, EditedSource, unified_diff
 from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
 from deltac.repair.edits.single import smaller_indices
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
-from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
     ProgramReading,
@@ -43,13 +42,10 @@ from deltac.repair.tracing.program import (
 )
 from deltac.repair.tracing.samples import RIGHT, VALUE_RANGES, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
-from deltac.repair.tracing.tape import Slot, Tape
+from deltac.repair.tracing.tape import Tape
 from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
 from deltac.results import SHOWN
 from deltac.simulation import PLAIN_FORM, Equations, RightHandSide, as_equations
-
-Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
-"""Edits with the source that they make."""
 
 MOST_VALIDATED = 120
 """Edits that are tried on fresh states, cheapest first."""
@@ -210,7 +206,7 @@ def _by_running(
     deadline = start + time_limit
     test, samples = target.test(), target.samples()
     result = _called(caller, test.states)
-    right: Edited = []
+    right: Sequence[EditedSource] = []
     fixes: list[Fix] = []
     if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
         source = replace(read_source(text), form=caller.form)
@@ -219,24 +215,35 @@ def _by_running(
         right = [edit for edit, answer in zip(right, _ran(right, samples)) if samples.right(answer)]
         groups = _groups(source, right, [0] * len(right))
         fixes = [replace(_fix(source, group), ran=True) for group in groups]
-    wrong = np.flatnonzero(samples.wrong_rows(result))
+    wrong = samples.wrong_rows(result)
     terms: tuple[str, ...] = ()
-    if len(wrong) and not right:
-        limit = np.full(len(test.speeds), RIGHT)
-        terms = blamed_terms(blame(test, result[: len(test.speeds)], limit, caller))
-    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
+    if wrong.any() and not right:
+        terms = _terms(target, result, caller)
     file, _, function = text.rpartition(":")
     return Repair(
         file=file,
         function=function,
         residual=samples.wrong(result),
-        equations=tuple(names[k] for k in wrong),
+        equations=tuple(itertools.compress(_rows(target), wrong)),
         fixes=tuple(fixes),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
         terms=terms,
         unread=why.partition(". The function is traced")[0],
     )
+
+
+def _rows(target: Target) -> tuple[str, ...]:
+    """What each row of a result is of: an equation, by its speed; then q̇."""
+    test = target.test()
+    return (*test.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
+
+
+def _terms(target: Target, result: Array, caller: Caller | None = None) -> tuple[str, ...]:
+    """Which terms are wrong with a result at the model's own parameters, in words."""
+    test = target.test()
+    udot = result[: len(test.speeds)]
+    return blamed_terms(blame(test, udot, np.full(len(test.speeds), RIGHT), caller))
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -268,8 +275,10 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     return _report(program, target, right, start, deadline, suspected, coincidence)
 
 
-def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
-    """Edits with the sources they make, confirmed, cheapest first; and the suspects.
+def _search(
+    reading: ProgramReading, target: Target, deadline: float
+) -> tuple[list[EditedSource], list[str]]:
+    """Edits that are confirmed, cheapest first; and the suspects.
 
     Where the function branches on the state, each wrong branch is searched; where none of their edits
     makes all branches right, one of each branch is combined.
@@ -280,7 +289,7 @@ def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[E
 
     confirm = partial(_confirm, reading.source, reading.varied, target, deadline)
 
-    def confirmed_first(kinds: Iterable[Iterable[tuple[EditCandidate, ...]]]) -> Edited:
+    def confirmed_first(kinds: Iterable[Iterable[tuple[EditCandidate, ...]]]) -> list[EditedSource]:
         return next(filter(None, map(confirm, kinds)), [])
 
     for program in reading.faulty:
@@ -304,7 +313,7 @@ def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[E
     return confirmed_first(itertools.chain(one_each, kinds)), list(suspected)
 
 
-def _total_cost(edit: tuple[tuple[EditCandidate, ...], Source]) -> float:
+def _total_cost(edit: EditedSource) -> float:
     return sum(e.cost for e in edit[0])
 
 
@@ -314,9 +323,9 @@ def _confirm(
     target: Target,
     deadline: float,
     candidates: Iterable[tuple[EditCandidate, ...]],
-) -> Edited:
-    """Those of some edits that are right at fresh states, cheapest first, with the sources they make."""
-    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
+) -> list[EditedSource]:
+    """Those of some edits that are right at fresh states, cheapest first."""
+    right: list[EditedSource] = []
     texts: set[str] = set()
     places: Counter[tuple[int, ...]] = Counter()
     cheapest, most = np.inf, MOST_VALIDATED
@@ -340,14 +349,14 @@ def _confirm(
 def _report(
     reading: ProgramReading,
     target: Target,
-    right: Edited,
+    right: Sequence[EditedSource],
     start: float,
     deadline: float,
     suspected: Sequence[str] = (),
     coincidence: bool = False,
 ) -> Repair:
     source, program, test = reading.source, reading.worst, target.test()
-    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
+    names = _rows(target)
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:
         rows = piece.samples.wrong_rows(piece.run())
@@ -357,12 +366,12 @@ def _report(
     terms: tuple[str, ...] = ()
     nominal = program.run()[: len(test.speeds), program.samples.group == 0]
     if not fixes and nominal.shape == test.acceleration.shape and np.isfinite(nominal).all():
-        terms = blamed_terms(blame(test, nominal, np.full(len(test.speeds), RIGHT)))
+        terms = _terms(target, nominal)
     return Repair(
         file=source.name,
         function=source.qualified,
         residual=reading.wrong,
-        equations=tuple(name for name, fails in zip(names, wrong) if fails),
+        equations=tuple(itertools.compress(names, wrong)),
         fixes=fixes,
         certain=bool(fixes)
         and not contradicted
@@ -389,17 +398,19 @@ def _odd_number(edits: Sequence[EditCandidate]) -> bool:
     )
 
 
-def _groups(source: Source, right: Edited, formulas: Sequence[int]) -> Sequence[Edited]:
+def _groups(
+    source: Source, right: Sequence[EditedSource], formulas: Sequence[int]
+) -> list[list[EditedSource]]:
     """Edits of the same statements that come to the same formula, together."""
-    groups: dict[tuple[int, ...], list[tuple[tuple[EditCandidate, ...], Source]]] = {}
-    for (edits, changed), formula in zip(right, formulas):
-        lines = tuple(source.statement(e.place).lineno for e in edits)
-        groups.setdefault((formula, *lines), []).append((edits, changed))
+    groups: dict[tuple[int, ...], list[EditedSource]] = {}
+    for edited, formula in zip(right, formulas):
+        lines = (source.statement(e.place).lineno for e in edited[0])
+        groups.setdefault((formula, *lines), []).append(edited)
     return list(groups.values())[:SHOWN]
 
 
 def _fixes(
-    source: Source, target: Target, groups: Sequence[Edited]
+    source: Source, target: Target, groups: Sequence[Sequence[EditedSource]]
 ) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
     """One fix for each group, after Python has run it; and, in words, those that give something else then."""
     samples = target.samples()
@@ -411,7 +422,7 @@ def _fixes(
     return tuple(fix for fix in fixes if fix.ran is not False), contradicted
 
 
-def _ran(edited: Edited, samples: StateSamples) -> Iterator[Array | str]:
+def _ran(edited: Iterable[EditedSource], samples: StateSamples) -> Iterator[Array | str]:
     """What Python gives of edited sources, or why it gives nothing."""
     with sandbox() as run:
         for _, changed in edited:
@@ -419,7 +430,7 @@ def _ran(edited: Edited, samples: StateSamples) -> Iterator[Array | str]:
             yield ONLY_LIVE if one is None else run(one, samples, RUN_TIME)
 
 
-def _fix(source: Source, group: Edited) -> Fix:
+def _fix(source: Source, group: Sequence[EditedSource]) -> Fix:
     """The first of some edits that come to the same, with the others beside it."""
     edits, changed = group[0]
     return Fix(
@@ -437,7 +448,7 @@ def _fix(source: Source, group: Edited) -> Fix:
 STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
 
 
-def _about_the_state(program: Program, right: Edited) -> bool:
+def _about_the_state(program: Program, right: Sequence[EditedSource]) -> bool:
     """Whether the least edit changes how the result depends on the state, not on constants alone.
 
     States are drawn at random, so that nothing that depends on them fits by chance; constants can.
@@ -445,12 +456,10 @@ def _about_the_state(program: Program, right: Edited) -> bool:
     edits, _ = right[0]
     tape = program.tape
 
-    def varies(place: int) -> bool:
-        instances = program.trace.instances.get(place, [])
-        slots = [s for i in instances for s in flatten(i.value) if isinstance(s, Slot)]
-        return any(tape.varying[slot.index] for slot in slots)
-
-    return all(e.kind in STATE_KINDS and varies(e.place) for e in edits)
+    return all(
+        e.kind in STATE_KINDS and any(tape.varying[s.index] for s in program.slots(e.place))
+        for e in edits
+    )
 
 
 def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], bool]:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import ast
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TypeAlias
 
 from deltac.repair.tracing.source import Source
 
@@ -179,6 +180,10 @@ def functions_used(source: Source) -> dict[str, str]:
 # --- edits applied --------------------------------------------------------------------------------
 
 
+EditedSource: TypeAlias = tuple[tuple[EditCandidate, ...], Source]
+"""Edits, and the source that they make."""
+
+
 def apply(source: Source, edits: Sequence[EditCandidate]) -> Source | None:
     """The source with edits of different places applied; None where they overlap.
 
@@ -243,10 +248,3 @@ def _patch_name(source: Source) -> str:
         if path.is_relative_to(root):
             return path.relative_to(root).as_posix()
     return path.name
-
-
-def parents(source: Source, place: int) -> Iterator[ast.AST]:
-    """The nodes around a node, the innermost first."""
-    while place in source.parent:
-        place = source.parent[place]
-        yield source.nodes[place]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -64,7 +65,7 @@ class Vocabulary:
         program = self.program
         instance, *more = program.trace.instances[requirement.place]
         names = {**program.trace.scope, **instance.scope}
-        owner = program.owner(requirement.place)
+        owner = program.source.owner(requirement.place)
         later = {requirement.slot, *program.tape.after(requirement.slot)}
         variables = {
             text: slot.index
@@ -155,7 +156,9 @@ class Vocabulary:
         ranked: list[tuple[int, str, int, set[str]]] = []
         for place, instance in program.numbers.items():
             node = program.source.nodes[place]
-            if not isinstance(node, ast.BinOp | ast.Call) or program.owner(place) is not owner:
+            if not isinstance(node, ast.BinOp | ast.Call):
+                continue
+            if program.source.owner(place) is not owner:
                 continue
             text = " ".join(program.source.segment(node).split())
             if text.startswith(("-", "+")) or "#" in text:
@@ -272,8 +275,7 @@ def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterat
     node: Any = program.source.nodes[place]
     own = short(program.source.segment(node))
     for p in factors:
-        divisors = [*([str(p.number.denominator)] if p.number.denominator != 1 else []), *p.below]
-        negative = p.number < 0
+        divisors, negative = p.divisors, p.number < 0
         if p.above or abs(p.number.numerator) != 1:
             new = product(node, variable(p.text))
             words = f"{own} lacks the factor {p.text}"
@@ -344,14 +346,17 @@ class Product:
     cost: float
 
     @property
+    def divisors(self) -> list[str]:
+        """All that it is divided by."""
+        bottom = self.number.denominator
+        return [*([str(bottom)] if bottom != 1 else []), *self.below]
+
+    @property
     def text(self) -> str:
         """As Python writes it, without its sign."""
-        top, bottom = abs(self.number.numerator), self.number.denominator
+        top = abs(self.number.numerator)
         factors = ([str(top)] if top != 1 or not self.above else []) + list(self.above)
-        text = " * ".join(factors)
-        for divisor in [*([str(bottom)] if bottom != 1 else []), *self.below]:
-            text += f" / {divisor}"
-        return text
+        return " / ".join([" * ".join(factors), *self.divisors])
 
 
 @dataclass(frozen=True, eq=False)
@@ -554,7 +559,7 @@ def _product(
     below: list[str] = []
     cost = 0.0 if abs(number) == 1 else 0.35 + 0.05 * (number.denominator not in (1, 2))
     for powers, atoms in ((constant, constant_atoms), (state, state_atoms)):
-        for (place, power), times in _counted(powers):
+        for (place, power), times in Counter(powers).items():
             text = atoms.texts[place]
             single = place < atoms.names
             bound = _binding(text)
@@ -570,13 +575,6 @@ def _product(
             own = text if tight else f"({text})"
             side.append(own if times == 1 else f"{own}**{times}")
     return Product(number, tuple(above), tuple(below), cost)
-
-
-def _counted(powers: Sequence[tuple[int, int]]) -> list[tuple[tuple[int, int], int]]:
-    counts: dict[tuple[int, int], int] = {}
-    for entry in powers:
-        counts[entry] = counts.get(entry, 0) + 1
-    return list(counts.items())
 
 
 @lru_cache(maxsize=4096)

@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.repair.edits.candidates import EditCandidate, parents
-from deltac.repair.tracing.library import REPLACEMENTS, NotUnderstood, arrayed, flatten
+from deltac.repair.edits.candidates import EditCandidate
+from deltac.repair.tracing.library import REPLACEMENTS, NotUnderstood, arrayed, flatten, tape_of
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
@@ -31,11 +31,8 @@ class TextNames:
 
     def numbers(self, place: int) -> Sequence[str]:
         """Names and entries that the same function, or the module's statements, use as numbers."""
-        functions = (
-            n for n in parents(self.source, place) if isinstance(n, ast.FunctionDef | ast.Lambda)
-        )
         names: dict[str, None] = {}
-        for node in ast.walk(next(functions, self.source.module)):
+        for node in ast.walk(self.source.owner(place)):
             entry = isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
             if entry or isinstance(node, ast.Name):
                 k = self.source.number.get(id(node))
@@ -94,8 +91,7 @@ class TracedNames:
 
     def constant(self, place: int) -> bool:
         """Whether the node depends on constants alone."""
-        instances = self.program.trace.instances.get(place, [])
-        slots = [s for i in instances for s in flatten(i.value) if isinstance(s, Slot)]
+        slots = self.program.slots(place)
         return bool(slots) and not any(self.program.tape.varying[s.index] for s in slots)
 
     def scope(self, instance: Instance) -> tuple[dict[str, Slot], dict[str, Any]]:
@@ -179,7 +175,7 @@ class TracedNames:
         if isinstance(candidate.new, str | ast.stmt):
             return self._updated(candidate)
         for k, instance in enumerate(instances):
-            shared = next((x.tape for x in flatten(instance.value) if isinstance(x, Slot)), None)
+            shared = tape_of(instance.value)
             if shared is None:
                 return {}
             with shared.aside() as first, np.errstate(all="ignore"):
@@ -233,11 +229,7 @@ class TracedNames:
         if not isinstance(candidate.new, ast.AugAssign):
             return {}
         tape, operation = self.program.tape, BINARY[type(candidate.new.op).__name__]
-        slots = [
-            slot.index
-            for instance in self.program.trace.instances[candidate.place]
-            for slot in flatten(instance.value)
-        ]
+        slots = [slot.index for slot in self.program.slots(candidate.place)]
         return {k: TapeChange(operation, tape.inputs[k]) for k in slots if len(tape.inputs[k]) == 2}
 
     def _value(self, tree: ast.AST, k: int, count: int, instance: Instance) -> Any:

@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
-from deltac.repair.tracing.tape import Slot, TapeChange
+from deltac.repair.tracing.tape import TapeChange
 
 EDIT_ITERATIONS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
@@ -73,7 +72,7 @@ class Requirements:
         constant = not self.program.tape.varying[slot]
         with np.errstate(all="ignore"):
             outcome = self._solve(place, slot, constant)
-            within = not isinstance(self.program.owner(place), ast.Module)
+            within = not isinstance(self.program.source.owner(place), ast.Module)
             if constant and within and not isinstance(outcome, Requirement):
                 # It may be constant by mistake: what should stand there depends on the state.
                 outcome = self._solve(place, slot, False) or outcome
@@ -190,13 +189,8 @@ def sizes(value: Array) -> Array:
 
 
 def _slots(program: Program, place: int) -> list[int]:
-    """All slots that hold values of a node."""
-    return [
-        entry.index
-        for instance in program.trace.instances.get(place, [])
-        for entry in flatten(instance.value)
-        if isinstance(entry, Slot) and program.tape.nodes[entry.index] == place
-    ]
+    """All slots that a node itself has computed."""
+    return [s.index for s in program.slots(place) if program.tape.nodes[s.index] == place]
 
 
 def _scaled(program: Program, place: int, factor: Array) -> dict[int, TapeChange]:

@@ -6,7 +6,7 @@ import ast
 import time
 
 from deltac.errors import InputError
-from deltac.repair.edits.candidates import EditCandidate, apply
+from deltac.repair.edits.candidates import EditCandidate, EditedSource, apply
 from deltac.repair.edits.names import TextNames, valued
 from deltac.repair.edits.single import additions, edits
 from deltac.repair.sandbox import module_for, sandbox, task
@@ -20,11 +20,9 @@ RUN_TIME = 10.0
 """Time in which Python runs an edited function (s)."""
 
 
-def right_edits(
-    source: Source, samples: StateSamples, deadline: float
-) -> list[tuple[tuple[EditCandidate, ...], Source]]:
-    """Single edits that make the function right where it is run, cheapest first, with what they make."""
-    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
+def right_edits(source: Source, samples: StateSamples, deadline: float) -> list[EditedSource]:
+    """Single edits that make the function right where it is run, cheapest first."""
+    right: list[EditedSource] = []
     texts = {source.text}
     own = task(source)
     with sandbox() as run:

@@ -20,7 +20,6 @@ from deltac.repair.edits.candidates import (
     functions_used,
     negated,
     number_cost,
-    parents,
     product,
     short,
     stem,
@@ -273,7 +272,7 @@ def _numbers(source: Source, place: int, node: ast.Constant, names: Names) -> Ed
             cost = number_cost(float(other))
             new = ast.Constant(other) if other >= 0 else negated(ast.Constant(-other))
             yield EditCandidate(source, place, new, "number", cost)
-    if any(isinstance(around, ast.FunctionDef | ast.Lambda) for around in parents(source, place)):
+    if not isinstance(source.owner(place), ast.Module):
         for text in names.numbers(place):
             yield EditCandidate(source, place, variable(text), "name", 1.4)
 

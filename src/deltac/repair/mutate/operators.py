@@ -15,6 +15,7 @@ import random
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
+from deltac.repair.tracing.source import Source
 from deltac.results import Serialisable
 
 MUTANT_KINDS: dict[str, str] = {
@@ -69,7 +70,8 @@ def mutants(
         read: the expressions that are evaluated when the equations are: with it, mutants are made of these,
             in whatever functions, methods and constants of the module they stand, and `function` is not used.
     """
-    module = ast.parse(text)
+    source = Source("mutant", text, function)
+    module = source.module
     draw = random.Random(seed)
     unique: dict[str, Mutant] = {}
     siblings = _siblings(module, read) if read is not None else {}
@@ -83,7 +85,7 @@ def mutants(
                 _other_entries(node, siblings, names, draw),
             )
             for kind, new in changes:
-                mutant = _write(text, kind, node, new)
+                mutant = _write(source, kind, node, new)
                 if mutant is not None:
                     unique.setdefault(mutant.text, mutant)
     return list(unique.values())
@@ -107,12 +109,12 @@ def _assignments(module: ast.Module) -> list[ast.stmt]:
 def _evaluated(node: ast.AST, read: Container[Span]) -> bool:
     """Whether an expression is read, or a statement has one that is."""
     if isinstance(node, ast.expr):
-        return _span(node) in read
-    return any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
+        return span(node) in read
+    return any(span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
 
 
-def _span(node: ast.AST) -> Span:
-    assert isinstance(node, ast.expr | ast.stmt)
+def span(node: ast.expr) -> Span:
+    """Where an expression stands."""
     return (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
 
 
@@ -123,7 +125,7 @@ def _siblings(module: ast.Module, read: Container[Span]) -> dict[str, list[ast.e
         entry = isinstance(node, ast.Attribute) or (
             isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
         )
-        if entry and isinstance(node, ast.expr) and _span(node) in read:
+        if entry and isinstance(node, ast.expr) and span(node) in read:
             group = groups.setdefault(ast.unparse(node.value), [])  # type: ignore[attr-defined]
             if ast.unparse(node) not in map(ast.unparse, group):
                 group.append(node)
@@ -291,19 +293,16 @@ def _called_otherwise(node: ast.Call) -> Iterator[tuple[str, ast.AST]]:
 # --- writing ----------------------------------------------------------------------------------------
 
 
-def _write(text: str, kind: str, node: ast.AST, new: ast.AST | None) -> Mutant | None:
+def _write(source: Source, kind: str, node: ast.AST, new: ast.AST | None) -> Mutant | None:
     """The module with a node's text replaced; the rest stays as it was written."""
     before = ast.unparse(node)
     after = ast.unparse(new) if new is not None else ""
     if before == after:
         return None
-    lines = text.encode().splitlines(keepends=True)
-    assert isinstance(node, ast.expr | ast.stmt) and node.end_lineno and node.end_col_offset
-    start = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
-    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
-    raw = text.encode()
+    assert isinstance(node, ast.expr | ast.stmt)
+    start, end = source.span(node)
     put = after if isinstance(node, ast.stmt) else f"({after})"
-    changed = (raw[:start] + put.encode() + raw[end:]).decode()
+    changed = source.text[:start] + put + source.text[end:]
     try:
         ast.parse(changed)
     except SyntaxError:

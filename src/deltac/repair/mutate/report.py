@@ -25,7 +25,7 @@ from deltac.errors import FileError, InputError, LimitError, SourceError, Unknow
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.edits.running import RUN_TIME
-from deltac.repair.mutate.operators import MUTANT_KINDS, Mutant, mutants
+from deltac.repair.mutate.operators import MUTANT_KINDS, Mutant, Span, mutants, span
 from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
@@ -221,24 +221,17 @@ def mutants_of(program: ProgramReading, names: int, seed: int) -> list[Mutant]:
     """The mutants of what is read: of one function of a module, or of all that it uses."""
     source = program.source
     definition = source.definition
-    used = {piece.owner(place) for piece in program.pieces for place in piece.trace.instances}
+    used = {source.owner(place) for piece in program.pieces for place in piece.trace.instances}
     alone = {node for node in used if not isinstance(node, ast.Module)} == {definition}
     if definition is not None and "." not in source.qualified and alone:
         return mutants(source.text, definition.name, names, seed)
     return mutants(source.text, "", names, seed, read=spans(program))
 
 
-def spans(reading: ProgramReading) -> set[tuple[int, int, int, int]]:
-    """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
-    places = set()
-    for piece in reading.pieces:
-        for place in piece.trace.instances:
-            node = piece.source.nodes[place]
-            if isinstance(node, ast.expr):
-                places.add(
-                    (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
-                )
-    return places
+def spans(reading: ProgramReading) -> set[Span]:
+    """Where the expressions stand that the function evaluates."""
+    nodes = (p.source.nodes[place] for p in reading.pieces for place in p.trace.instances)
+    return {span(node) for node in nodes if isinstance(node, ast.expr)}
 
 
 def _with_suite(

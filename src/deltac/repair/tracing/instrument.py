@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 HOOKS = "_deltac"
@@ -45,7 +45,7 @@ make: Any = types.SimpleNamespace(
 
 def rewritten(statement: ast.stmt, number: Mapping[int, int]) -> ast.Module:
     """A statement of a module, rewritten; `number` has the places of nodes by their id()."""
-    return _module(_Rewriter(number).statements([statement]))
+    return ast.Module(_Rewriter(number).statements([statement]), [])
 
 
 def made_by(
@@ -68,7 +68,7 @@ def made_by(
         "made", ast.arguments([], [make.arg(n) for n in (*names, outer)], None, [], [], None, []),
         body, [], None,
     )  # fmt: skip
-    return _module([maker])
+    return ast.Module([maker], [])
 
 
 def _bare(a: ast.arguments) -> ast.arguments:
@@ -78,10 +78,6 @@ def _bare(a: ast.arguments) -> ast.arguments:
         a.posonlyargs, a.args, a.vararg, a.kwonlyargs,
         [d and none for d in a.kw_defaults], a.kwarg, [none for _ in a.defaults],
     )  # fmt: skip
-
-
-def _module(body: list[ast.stmt]) -> ast.Module:
-    return ast.Module(body, [])
 
 
 def _name(text: str) -> Any:
@@ -425,14 +421,6 @@ class _Rewriter:
         new.keywords = [make.keyword(k.arg, self.expression(k.value)) for k in e.keywords]
         return new
 
-    def within(self, names: list[str], build: Callable[[], Any]) -> Any:
-        """What is made with further names in scope: those of a comprehension or a lambda."""
-        self.inner.append(names)
-        try:
-            return build()
-        finally:
-            self.inner.pop()
-
     def noted(self, e: ast.expr) -> Any:
         """An expression that first tells the names in scope."""
         names = list(dict.fromkeys(name for some in self.inner for name in some))
@@ -445,7 +433,9 @@ class _Rewriter:
     def function(self, e: ast.Lambda) -> Any:
         a = e.args
         every = [*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg))]
-        body = self.within([x.arg for x in every], lambda: self.noted(e.body))
+        self.inner.append([x.arg for x in every])
+        body = self.noted(e.body)
+        self.inner.pop()
         return make.Lambda(self.arguments(a), body)
 
     def comprehension(self, e: Any) -> Any:

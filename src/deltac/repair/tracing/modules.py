@@ -11,6 +11,7 @@ from types import CodeType
 
 from deltac.errors import SourceError
 from deltac.foreign.limits import Limits
+from deltac.foreign.scripts import base_name
 from deltac.repair.tracing.instrument import rewritten
 
 
@@ -135,31 +136,20 @@ def bound(statement: ast.stmt) -> set[str]:
             return {statement.name}
         case ast.Import() | ast.ImportFrom():
             return {(a.asname or a.name.partition(".")[0]) for a in statement.names} - {"*"}
-        case ast.Expr(
-            value=ast.Call(func=ast.Attribute() as called)
-        ):  # M.append(x), jax.config.update(…)
-            owner: ast.expr = called
-            while isinstance(owner, ast.Attribute):
-                owner = owner.value
-            return {owner.id} if isinstance(owner, ast.Name) else set()
+        case ast.Expr(value=ast.Call(func=ast.Attribute() as called)):
+            return {base_name(called)} - {""}  # M.append(x), jax.config.update(…)
         case ast.Expr() | ast.Pass():
             return set()
         case ast.If() if _main(statement.test):
             return set()
         case _:
-            return set(_stored(ast.walk(statement)))
+            return set(_stored(ast.walk(statement))) - {""}
 
 
 def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
     for n in nodes:
-        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store):
-            yield n.id
-        elif isinstance(n, ast.Subscript | ast.Attribute) and isinstance(n.ctx, ast.Store):
-            base: ast.AST = n
-            while isinstance(base, ast.Subscript | ast.Attribute):
-                base = base.value
-            if isinstance(base, ast.Name):
-                yield base.id
+        if isinstance(n, ast.Name | ast.Subscript | ast.Attribute) and isinstance(n.ctx, ast.Store):
+            yield base_name(n)
         elif isinstance(n, ast.FunctionDef | ast.ClassDef):
             yield n.name
         elif isinstance(n, ast.Import | ast.ImportFrom):
@@ -169,15 +159,10 @@ def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
 def _written(function: ast.FunctionDef) -> Iterable[str]:
     """Names into whose entries or attributes a function writes, or which it updates."""
     for n in ast.walk(function):
-        targets = n.targets if isinstance(n, ast.Assign) else []
         if isinstance(n, ast.AugAssign):
-            targets = [n.target]
-        for target in targets:
-            base: ast.AST = target
-            while isinstance(base, ast.Subscript | ast.Attribute):
-                base = base.value
-            if isinstance(base, ast.Name) and (base is not target or isinstance(n, ast.AugAssign)):
-                yield base.id
+            yield base_name(n.target)
+        elif isinstance(n, ast.Assign):
+            yield from (base_name(t) for t in n.targets if not isinstance(t, ast.Name))
 
 
 def _main(test: ast.expr) -> bool:

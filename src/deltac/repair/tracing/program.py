@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import SAME, Array
 from deltac.errors import InputError, SourceError
+from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
@@ -168,14 +169,10 @@ class Program:
         """Whether the accelerations depend on a slot."""
         return slot in self.tape.before(self.outputs)
 
-    def owner(self, place: int) -> ast.AST:
-        """The function definition, or the module, that a node is in."""
-        nodes, parent = self.source.nodes, self.source.parent
-        while place in parent:
-            place = parent[place]
-            if isinstance(nodes[place], ast.FunctionDef | ast.Lambda | ast.Module):
-                break
-        return nodes[place]
+    def slots(self, place: int) -> list[Slot]:
+        """The numbers, on the tape, of all evaluations of a node."""
+        instances = self.trace.instances.get(place, [])
+        return [entry for i in instances for entry in flatten(i.value) if isinstance(entry, Slot)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

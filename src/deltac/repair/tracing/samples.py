@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -159,22 +159,19 @@ class Target:
         def join(parts: list[Array]) -> Array:
             return np.concatenate(parts, axis=-1)
 
+        def spread(size: Callable[[EquationTest], Array]) -> Array:
+            """A size of each row, at all states of a test."""
+            return np.repeat(np.stack([size(test) for test in tests], axis=-1), sizes, axis=-1)
+
         return StateSamples(
             t=join([test.states.t for test in tests]),
             q=join([in_user_coordinates(test.kane, test.states).q for test in tests]),
             u=join([test.states.u for test in tests]),
             acceleration=join([test.acceleration for test in tests]),
             rates=join([test.rates for test in tests]),
-            rate_size=join(
-                [np.repeat(_rate_size(test)[:, None], s, axis=1) for test, s in zip(tests, sizes)]
-            ),
+            rate_size=spread(_rate_size),
             M=np.concatenate([test.M for test in tests]),
-            typical=join(
-                [
-                    np.repeat(_typical(test)[:, None], size, axis=1)
-                    for test, size in zip(tests, sizes)
-                ]
-            ),
+            typical=spread(_typical),
             parameters={
                 name: join([np.full(size, v[name]) for v, size in zip(values, sizes)])
                 for name in varied

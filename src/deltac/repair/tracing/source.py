@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ast
 import inspect
+import itertools
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -92,17 +93,14 @@ class Source:
         return definition if isinstance(definition, ast.FunctionDef) else None
 
     @cached_property
-    def _starts(self) -> tuple[tuple[int, ...], tuple[bytes, ...]]:
+    def _starts(self) -> tuple[int, ...]:
+        """Where each line begins, in bytes."""
         lines = self.text.encode().splitlines(keepends=True)
-        starts = [0]
-        for line in lines:
-            starts.append(starts[-1] + len(line))
-        return tuple(starts), tuple(lines)
+        return (0, *itertools.accumulate(map(len, lines)))
 
     def span(self, node: ast.AST) -> tuple[int, int]:
         """Where a node's text begins and ends, in characters."""
-        starts, _ = self._starts
-        raw = self.text.encode()
+        starts, raw = self._starts, self.text.encode()
         ends = [
             starts[node.lineno - 1] + node.col_offset,  # type: ignore[attr-defined]
             starts[node.end_lineno - 1] + node.end_col_offset,  # type: ignore[attr-defined]
@@ -115,13 +113,21 @@ class Source:
         a, b = self.span(node)
         return self.text[a:b]
 
+    def around(self, place: int) -> Iterator[ast.AST]:
+        """A node, and those around it, the innermost first."""
+        yield self.nodes[place]
+        while place in self.parent:
+            place = self.parent[place]
+            yield self.nodes[place]
+
     def statement(self, place: int) -> ast.stmt:
         """The statement that a node is in."""
-        while not isinstance(self.nodes[place], ast.stmt):
-            place = self.parent[place]
-        statement = self.nodes[place]
-        assert isinstance(statement, ast.stmt)
-        return statement
+        return next(node for node in self.around(place) if isinstance(node, ast.stmt))
+
+    def owner(self, place: int) -> ast.AST:
+        """The function definition, or the module, that a node is in."""
+        _, *around = self.around(place)
+        return next(n for n in around if isinstance(n, ast.FunctionDef | ast.Lambda | ast.Module))
 
     def replaced(self, text: str) -> Source:
         """The same function in another version of the text."""

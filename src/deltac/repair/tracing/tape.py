@@ -373,18 +373,12 @@ NUMBER_TYPES = (Slot, bool, int, float, np.generic)
 
 def _binary(operation: Operation) -> tuple[Operation, Operation]:
     def forward(self: Slot, other: Any) -> Any:
-        return (
-            self.tape.record(operation, self, other)
-            if isinstance(other, NUMBER_TYPES)
-            else NotImplemented
-        )
+        number = isinstance(other, NUMBER_TYPES)
+        return self.tape.record(operation, self, other) if number else NotImplemented
 
     def reflected(self: Slot, other: Any) -> Any:
-        return (
-            self.tape.record(operation, other, self)
-            if isinstance(other, NUMBER_TYPES)
-            else NotImplemented
-        )
+        number = isinstance(other, NUMBER_TYPES)
+        return self.tape.record(operation, other, self) if number else NotImplemented
 
     return forward, reflected
 

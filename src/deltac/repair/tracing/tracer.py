@@ -466,14 +466,16 @@ class _Tracer:
             slot = self.lives.get(key)
         if slot is not None:
             return slot  # type: ignore[no-any-return]
-        node, self.tape.node = self.tape.node, None
-        override = self.override.get(key)
-        slot = self.tape.given(
-            np.float64(value) if override is None else override, exact=value, varying=False
-        )
-        self.tape.node = node
-        self.lives[key] = slot
+        slot = self.lives[key] = self.constant(value, key)
         self.parameter(name, slot, key)
+        return slot
+
+    def constant(self, value: float, origin: Any, node: int | None = None) -> Slot:
+        """A constant of a node on the tape, with its own value or that of an `Override`."""
+        outer, self.tape.node = self.tape.node, node
+        number = self.override.get(origin, np.float64(value))
+        slot = self.tape.given(number, exact=value, varying=False)
+        self.tape.node = outer
         return slot
 
     def parameter(self, name: str, slot: Slot, key: Any) -> None:
@@ -660,13 +662,7 @@ class _Hooks:
             value = self.of.nodes[place].value  # type: ignore[attr-defined]
             if not isinstance(value, int | float):
                 self.refuse(place, f"the constant {value!r}")
-            tape = tracer.tape
-            outer, tape.node = tape.node, place if self.edited else None
-            override = tracer.override.get(("literal", key))
-            slot = tape.given(
-                np.float64(value) if override is None else override, exact=value, varying=False
-            )
-            tape.node = outer
+            slot = tracer.constant(value, ("literal", key), place if self.edited else None)
             tracer.literals[key], tracer.literal_of[slot.index] = slot, key
         self.remember(place, slot)
         return slot
@@ -953,16 +949,14 @@ class _Hooks:
         """What `from owner import name` binds."""
         module = self.tracer.module(self.of, owner, level)
         try:
-            return self.lifted_member(getattr(module, name), name)
+            value = getattr(module, name)
+            return self.tracer.named_constant(value, name) if type(value) is float else value
         except (AttributeError, KeyError):
             dotted = f"{owner}.{name}" if owner else name
             value = self.tracer.module(self.of, dotted, level)
             if isinstance(value, Foreign):
                 raise ImportError(f"cannot import name {name!r} from {owner!r}") from None
             return value
-
-    def lifted_member(self, value: Any, name: str) -> Any:
-        return self.tracer.named_constant(value, name) if type(value) is float else value
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 """Real numbers in double precision, of any shape; docstrings say which."""
@@ -78,6 +78,11 @@ HALF_DIGITS = 1e-7
 Numbers that a small linear problem, a square or a difference quotient gave have lost the other half; that
 measured or fitted numbers agree so well is no coincidence.
 """
+
+
+def max_norm(values: ArrayLike) -> float:
+    """The largest absolute value of the entries; 0 where there are none."""
+    return float(np.abs(values).max(initial=0.0))
 
 
 def medians(values: Array) -> Array:

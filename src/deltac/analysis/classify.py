@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
-from deltac.arrays import ASSEMBLED, SAME, Array
+from deltac.arrays import ASSEMBLED, SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import TRIAL_STATES, random_states
 from deltac.dynamics.constraints import ConstraintRows
@@ -302,7 +302,7 @@ def _integrable(motion: EquationsOfMotion, velocity: set[int], t: Array, q: Arra
             for k in integrable:
                 size = np.abs(moves).T @ np.abs(curl_of[k][i]) @ np.abs(moves)
                 rounding = 1e-8 * max(1.0, size.max(initial=0.0))
-                if np.abs(moves.T @ curl_of[k][i] @ moves).max(initial=0.0) > rounding:
+                if max_norm(moves.T @ curl_of[k][i] @ moves) > rounding:
                     closed.discard(k)
         if closed == integrable:
             return integrable

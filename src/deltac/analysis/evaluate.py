@@ -108,7 +108,7 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
     with_potential = [part.name for part in motion.channels if part.potential is not None]
     return Evaluation(
         t=float(at.t[0]) if at.single else at.t,
-        speeds=tuple(mechanism.speeds[int(k)].name for k in free.u),
+        speeds=mechanism.speeds.free_names,
         all_speeds=mechanism.speeds.names,
         rows=rows.names,
         udot=udot.T[first],

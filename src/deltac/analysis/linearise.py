@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.analysis.model import Instants, instants
-from deltac.arrays import NEWTON_STEPS, SAME, Array
+from deltac.arrays import NEWTON_STEPS, SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.equations_of_motion import (
@@ -174,7 +174,7 @@ def equilibrium(
     u: Array = np.zeros(p)
     lam: Array = np.zeros(len(rows))
     _, psi = motion.violation(t, q, u)
-    if float(np.abs(psi).max(initial=0.0)) > START_TOLERANCE:
+    if max_norm(psi) > START_TOLERANCE:
         worst = rows.names[int(np.argmax(np.abs(psi)))]
         raise ModelError(
             f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can be at rest; hold it "
@@ -191,7 +191,7 @@ def equilibrium(
     # forces of a pendulum vanish.
     _, scale, _ = evaluate_at(f, t, q, at.inputs[0], lam)
     stiffness = slopes.at_rest(t, q, lam, at.inputs[0])[0]
-    size = max(float(scale.max(initial=0.0)), float(np.abs(stiffness).max(initial=0.0)), 1e-300)
+    size = max(float(scale.max(initial=0.0)), max_norm(stiffness), 1e-300)
 
     def imbalance(q: Array, lam: Array) -> Array:
         force, _, phi = evaluate_at(f, t, q, at.inputs[0], lam)
@@ -199,14 +199,14 @@ def equilibrium(
 
     residual = imbalance(q, lam)
     for _ in range(NEWTON_STEPS):
-        if float(np.abs(residual).max(initial=0.0)) < 1e-15:
+        if max_norm(residual) < 1e-15:
             break
         r_q, G, W = slopes.at_rest(t, q, lam, at.inputs[0])
         none = np.zeros((int(position.sum()), len(lam)))
         J = np.block([[r_q / size, -G.T / size], [G[position], none]])
         step = np.linalg.lstsq(J, -residual, rcond=1e-12)[0]
         # A step turns nothing by more than half a radian, and is halved until it helps.
-        share = min(1.0, 0.5 / max(float(np.abs(step[:p]).max(initial=0.0)), 1e-300))
+        share = min(1.0, 0.5 / max(max_norm(step[:p]), 1e-300))
         while share > 1e-4:
             trial = q + share * (W @ step[:p])
             for place in motion.quaternions:
@@ -219,7 +219,7 @@ def equilibrium(
             break
         q, lam, residual = trial, lam + share * step[p:], trial_residual
     force = np.abs(residual[:p])
-    if not float(np.abs(residual).max(initial=0.0)) < SAME:
+    if not max_norm(residual) < SAME:
         k = int(np.argmax(force)) if p else 0
         name = mechanism.speeds[int(free.u[k])].name
         raise StateError(
@@ -239,7 +239,7 @@ def equilibrium(
 def _stability(small: Linearisation) -> str:
     """By the eigenvalues, which are known to the root of rounding at worst (double ones)."""
     values = small.eigenvalues
-    size = max(1.0, float(np.abs(values).max(initial=0.0)))
+    size = max(1.0, max_norm(values))
     # A defective pair splits by the root of rounding.
     least = 1e-7 * size
     if (values.real > least).any():
@@ -292,7 +292,7 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
     independent = [*at_q, *(p + k for k in at_u)]
     B = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
-    names = [mechanism.speeds[int(k)].name for k in free.u]
+    names = mechanism.speeds.free_names
     state = mechanism.state(at.q[0], at.u[0], t)
     motors = [
         motor.name if len(joint.speeds) == 1 else f"{motor.name} {speed}"

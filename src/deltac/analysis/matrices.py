@@ -366,7 +366,7 @@ class _Instant:
                     break
                 i, j = open_rows[int(at[0])], open_columns[int(at[1])]
                 if allowed is not columns:
-                    names = [self.mechanism.speeds[int(k)].name for k in self.free]
+                    names = self.mechanism.speeds.free_names
                     raise InputError(
                         f"independent: at t = {self.t:g} s the speeds "
                         f"{', '.join(names[k] for k in preferred)} are not independent, {names[j]!r} follows "
@@ -499,7 +499,7 @@ class _Instant:
     def matrices(self, udot: Array | None, independent: Sequence[str], joints: bool) -> Matrices:
         """All of it, for accelerations `udot` (nu,) or the mechanism's own."""
         m, loops, keep, free = self.mechanism, self.holonomic, self.inertial_rows, self.free
-        names = [m.speeds[int(k)].name for k in free]
+        names = m.speeds.free_names
         for name in independent:
             if name not in names:
                 near = closest(name, names)

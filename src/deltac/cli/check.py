@@ -119,8 +119,7 @@ def _names(model: str, coordinates: Any) -> tuple[str, ...]:
     chosen = loaded.coordinate_map(coordinates)
     if chosen is not None and chosen.coordinates:
         return chosen.coordinates
-    free = loaded.mechanism.free.q
-    return tuple(loaded.mechanism.coordinates[int(k)].name for k in free)
+    return loaded.mechanism.coordinates.free_names
 
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair | NoRepair:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import ASSEMBLED, ROOT_EPS, Array
+from deltac.arrays import ASSEMBLED, ROOT_EPS, Array, max_norm
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import ConstraintRows
@@ -79,10 +79,10 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         # Along a direction that the constraints leave free (to first order), then back onto them.
         kernel = rng.standard_normal(n)
         kernel += tied.least(G @ kernel)
-        kernel /= max(1.0, float(np.abs(kernel).max(initial=0.0)))
+        kernel /= max(1.0, max_norm(kernel))
         near = onto_positions(equations, t, q + 1e-2 * W @ kernel, p, tolerance=1e-12, most=20)
         M_near, G_near, phi_near = at(near)
-        if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < ASSEMBLED:
+        if np.isfinite(near).all() and max_norm(phi_near) < ASSEMBLED:
             try:
                 nearby, level_there, _ = _independent(M_near, G_near, positions)
             except np.linalg.LinAlgError:

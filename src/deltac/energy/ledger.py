@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ROUNDED, Array
+from deltac.arrays import ROUNDED, Array, max_norm
 from deltac.calls.caching import FrozenDict
 from deltac.energy.works import NEGLIGIBLE_WORK, unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
@@ -131,7 +131,7 @@ class Ledger(
     @property
     def _rounding(self) -> float:
         """Of K and V, J."""
-        size = self.kinetic.max() + np.abs(self.potential_energy).max(initial=0.0)
+        size = self.kinetic.max() + max_norm(self.potential_energy)
         return ROUNDED * float(size)
 
     def relative(self, name: str) -> float:

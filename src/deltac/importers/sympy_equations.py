@@ -263,8 +263,8 @@ def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> Symbol
     }
     arguments = [system.t, system.q, system.u, system.inputs, system.p]
     function = ca.Function("equations", arguments, [ca.densify(e) for e in outputs.values()])
-    coordinates = tuple(mechanism.coordinates[int(i)].name for i in free.q)
-    speeds = tuple(mechanism.speeds[int(i)].name for i in free.u)
+    coordinates = mechanism.coordinates.free_names
+    speeds = mechanism.speeds.free_names
     symbols = [
         [symbol_of("t")],
         [symbol_of(f"q.{c}") for c in coordinates],

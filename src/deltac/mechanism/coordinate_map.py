@@ -89,8 +89,7 @@ class CoordinateMap:
     def assembled(self, mechanism: Mechanism) -> bool:
         """Whether the constraints, by assembly, say what the own coordinates leave open."""
         q, _ = self.laws()
-        free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
-        return bool(self.coordinates) and any(name not in q for name in free)
+        return bool(self.coordinates) and not q.keys() >= {*mechanism.coordinates.free_names}
 
     def check(self, mechanism: Mechanism) -> None:
         """InputError unless the map gives every free coordinate and speed of the mechanism.
@@ -99,9 +98,8 @@ class CoordinateMap:
         """
         q, u = self.laws()
         parameters = tuple(mechanism.parameters)
-        q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
-        u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
-        own_q = self.coordinates or tuple(q_free)
+        q_free, u_free = mechanism.coordinates.free_names, mechanism.speeds.free_names
+        own_q = self.coordinates or q_free
         symbols_q = ["t", *parameters, *(f"q.{name}" for name in own_q)]
         symbols_u = [*symbols_q, *(f"u.{name}" for name in self.speeds)]
         open_ = bool(mechanism.constraints)
@@ -220,7 +218,7 @@ def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
     """
     carrier = {joint.child: joint for joint in mechanism.joints}
     laws: dict[str, Any] = {}
-    names = [mechanism.coordinates[int(k)].name for k in mechanism.free.q]
+    names = mechanism.coordinates.free_names
     for name in names:
         joint = mechanism.joint(mechanism.coordinates[name].joint)
         before = _hinge_before(joint, carrier)

@@ -45,6 +45,11 @@ class Entries:
         """All names, in order."""
         return tuple(entry.name for entry in self.entries)
 
+    @cached_property
+    def free_names(self) -> tuple[str, ...]:
+        """The names of those that are not prescribed, in order."""
+        return tuple(entry.name for entry in self.entries if not entry.prescribed)
+
     @overload
     def __getitem__(self, key: int | str) -> Entry: ...
     @overload

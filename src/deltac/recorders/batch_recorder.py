@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import SAME_STEP, Array
+from deltac.arrays import SAME_STEP, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
@@ -118,11 +118,11 @@ class BatchRecorder:
                 other = other + f.get(name, 0.0)
             total = f["qfrc_smooth"] + f["qfrc_constraint"]
             correction = self._mass_times(data, q[k], a) - total
-            size = sum(np.abs(f[name]).max(initial=0.0) for name in FORCE_FIELDS)
+            size = sum(max_norm(f[name]) for name in FORCE_FIELDS)
             # A difference of speeds has their rounding, and forces that of the device.
             eps = float(np.finfo(fields["qfrc_smooth"].dtype).eps)
-            least = 64 * eps * (size + self._size_of_mass * np.abs(u[k]).max(initial=0.0) / step)
-            corrected |= bool(np.abs(correction).max(initial=0.0) > least)
+            least = 64 * eps * (size + self._size_of_mass * max_norm(u[k]) / step)
+            corrected |= max_norm(correction) > least
             forces = {
                 "actuator all": f["qfrc_actuator"],
                 "constraint all": f["qfrc_constraint"],
@@ -165,7 +165,7 @@ class BatchRecorder:
         mujoco.mj_makeM(model, data)
         product = np.zeros(model.nv)
         mujoco.mj_mulM(model, data, product, np.ascontiguousarray(a, dtype=np.float64))
-        self._size_of_mass = float(np.abs(data.M).max(initial=0.0))
+        self._size_of_mass = max_norm(data.M)
         return product
 
     def _states(self, data: Batch) -> tuple[Array, Array, Array]:

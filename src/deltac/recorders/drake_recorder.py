@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import ENDLESS, SAME, Array
+from deltac.arrays import ENDLESS, SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
@@ -269,7 +269,7 @@ class DrakeRecorder(Recorder):
         forces = {**self._actuators_of(context), **self._contacts(context)}
         plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
         applied, rest = self._known(vdot, v, forces)
-        if np.abs(rest).max(initial=0.0) > SAME * applied:
+        if max_norm(rest) > SAME * applied:
             forces["applied external"] = rest
         return q, v, vdot, forces
 
@@ -314,10 +314,10 @@ class DrakeRecorder(Recorder):
                 damping[place] = -c * v[place]
                 forces[f"damper {self._names.get(joint.name(), joint.name())}"] = damping
                 elements = elements - damping
-        size = np.abs(gravity).max(initial=0.0) + np.abs(total).max(initial=0.0)
-        size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
+        size = max_norm(gravity) + max_norm(total)
+        size += max((max_norm(f) for f in forces.values()), default=0.0)
         rest = total - gravity - np.sum([np.zeros_like(v), elements, *forces.values()], axis=0)
-        if np.abs(elements).max(initial=0.0) > SAME * size:
+        if max_norm(elements) > SAME * size:
             forces["spring elements"] = elements
         return float(size), rest
 
@@ -328,16 +328,16 @@ class DrakeRecorder(Recorder):
         if self._implicit:
             for joint, place in self._dampers:
                 implicit[place] -= np.array(joint.GetDampingVector(self._here)) * change[place]
-            if np.abs(implicit).max(initial=0.0) > least:
+            if max_norm(implicit) > least:
                 yield "correction implicit", implicit
         residual = rest - implicit
         for joint in self._columns.joints:
             own = np.zeros_like(residual)
             own[joint.v] = np.where(self._limited[joint.v], residual[joint.v], 0.0)
-            if np.abs(own).max(initial=0.0) > least:
+            if max_norm(own) > least:
                 yield f"limit {joint.name}", own
                 residual = residual - own
-        largest = np.abs(residual).max(initial=0.0)
+        largest = max_norm(residual)
         if self._plant.num_constraints() and largest > least:
             yield "constraint all", residual
         elif largest > ENGINE * size:

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import EPS, SAME, Array, max_norm
 from deltac.errors import RecordingError
 from deltac.importers.names import (
     actuator_names,
@@ -237,7 +237,7 @@ def _passive(
         [data.qfrc_spring, data.qfrc_damper, data.qfrc_fluid, data.qfrc_adhesion, gravcomp]
     )
     further = data.qfrc_passive - passive_sum.sum(axis=0)
-    if np.abs(further).max(initial=0.0) > SAME * np.abs(passive_sum).max(initial=0.0):
+    if max_norm(further) > SAME * max_norm(passive_sum):
         yield "applied passive", further  # of plugins, and of the callback for passive forces
 
 
@@ -347,10 +347,8 @@ def _solver_residual(model: Model, data: Data, rounding: Array) -> Array | None:
         return None  # its q̈ is that of the step: the implicit terms hold this one too
     summed = data.qfrc_smooth + data.qfrc_constraint
     residual = mass_times(model, data, data.qacc) - summed + rounding
-    size = np.abs(residual).max(initial=0.0)
-    scale = sum(
-        np.abs(f).max(initial=0.0) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias)
-    )
+    size = max_norm(residual)
+    scale = sum(max_norm(f) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias))
     if data.nefc and size > SOLVER_ROUNDING * scale:
         return np.asarray(residual)
     if size > SAME * scale:
@@ -381,15 +379,15 @@ class _Remainders:
         """Of the forward pass that `data` holds."""
         jacobian = _jacobian(model, data)
         acting = np.abs(data.efc_force) @ np.abs(jacobian)
-        scale = np.abs(data.qfrc_bias).max(initial=0.0) + acting.max(initial=0.0)
+        scale = max_norm(data.qfrc_bias) + acting.max(initial=0.0)
         return _Remainders(model, elements, jacobian, float(scale))
 
     def check(self, group: str, total: Array, parts: Array) -> None:
         """InputError where the parts (n, nv) do not add up to MuJoCo's own sum (nv,)."""
         residual = total - parts.sum(axis=0)
         scale = self.scale + np.abs(parts).sum(axis=0).max(initial=0.0)
-        scale += np.abs(total).max(initial=0.0)
-        if np.abs(residual).max(initial=0.0) <= SAME * scale:
+        scale += max_norm(total)
+        if max_norm(residual) <= SAME * scale:
             return
         dof = int(np.abs(residual).argmax())
         joint = self.elements.joints[self.model.dof_jntid[dof]]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import ENDLESS, EPS, SAME, SOLVED, Array
+from deltac.arrays import ENDLESS, EPS, SAME, SOLVED, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import (
@@ -292,15 +292,13 @@ class MujocoRecorder(Recorder):
         if discrete(model):
             total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
             correction = mass_times(model, data, a) + data.qfrc_bias - total
-            corrected = bool(
-                np.abs(correction).max(initial=0.0) > SAME * np.abs(total).max(initial=0.0)
-            )
+            corrected = max_norm(correction) > SAME * max_norm(total)
         else:
             correction = mass_times(model, data, a - qacc)
             # a is a difference of speeds, so it has their rounding.
-            rounding = 64.0 * EPS * np.abs(u).max(initial=0.0) / h
-            rounding += SAME * np.abs(a).max(initial=0.0)
-            corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
+            rounding = 64.0 * EPS * max_norm(u) / h
+            rounding += SAME * max_norm(a)
+            corrected = max_norm(a - qacc) > rounding
         # Forces and accelerations are held, so speeds are linear in time.
         mean, step = 0.5 * (u + data.qvel), StepSums()
         step.add(h, mean, forces)
@@ -343,8 +341,8 @@ class MujocoRecorder(Recorder):
         """InputError unless the replayed step ended where MuJoCo's did."""
         for name in ("qpos", "qvel"):
             replayed, reached = getattr(self._before, name), getattr(self._data, name)
-            difference = float(np.abs(replayed - reached).max(initial=0.0))
-            scale = max(1.0, float(np.abs(reached).max(initial=0.0)))
+            difference = max_norm(replayed - reached)
+            scale = max(1.0, max_norm(reached))
             self._off = max(self._off, difference)
             if not difference <= SOLVED * scale:
                 raise RecordingError(

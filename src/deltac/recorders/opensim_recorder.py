@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SAME, Array
+from deltac.arrays import SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, PackageError
 from deltac.models import ModelLike, load_model
@@ -135,8 +135,8 @@ class OpensimRecorder(Recorder):
             forces[self._channel(force)] = total - lacking(udot)
             force.setAppliesForce(copy, False)
             rest = rest - forces[self._channel(force)]
-        size = sum(np.abs(f).max(initial=0.0) for f in (total, weight, *forces.values()))
-        if np.abs(rest).max(initial=0.0) > SAME * size:
+        size = sum(max_norm(f) for f in (total, weight, *forces.values()))
+        if max_norm(rest) > SAME * size:
             forces["constraint all"] = rest
         rows: list[tuple[Array, Array, Array]] = []
         turns = []

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SAME, Array
+from deltac.arrays import SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
@@ -160,7 +160,7 @@ class PybulletRecorder(Recorder):
                     forces[f"{kind} {name}"] = np.zeros(len(total))
                     forces[f"{kind} {name}"][place] = value
         rest = total - np.sum([*forces.values(), np.zeros(len(total))], axis=0)
-        size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
+        size += max((max_norm(f) for f in forces.values()), default=0.0)
         self._name(rest, SAME * size, forces)
         t, self._t = self._t, self._t + h
         self._before = after
@@ -221,7 +221,7 @@ class PybulletRecorder(Recorder):
             weight = np.array(
                 p.calculateInverseDynamics(body, q, [0.0] * len(q), [0.0] * len(q), **self._of)
             )
-            return total, float(np.abs(weight).max(initial=0.0) + np.abs(total).max(initial=0.0))
+            return total, max_norm(weight) + max_norm(total)
         # Of a free base Bullet turns gravity the wrong way. So its weight is taken away again, and gravity
         # comes in as an acceleration. The base's columns are angular, then linear, along its axes; the
         # forces come out linear first.
@@ -239,7 +239,7 @@ class PybulletRecorder(Recorder):
 
     def _name(self, rest: Array, least: float, forces: Forces) -> None:
         """Give what is left over the name of what it can be."""
-        if np.abs(rest).max(initial=0.0) <= least:
+        if max_norm(rest) <= least:
             return
         p, body = self._p, self._body
         if p.getContactPoints(bodyA=body, **self._of):
@@ -248,10 +248,10 @@ class PybulletRecorder(Recorder):
         for name in self._limited:
             own = np.zeros_like(rest)
             own[self._at[name]] = rest[self._at[name]]
-            if np.abs(own).max(initial=0.0) > least:
+            if max_norm(own) > least:
                 forces[f"limit {name}"] = own
                 rest = rest - own
-        if np.abs(rest).max(initial=0.0) > least:
+        if max_norm(rest) > least:
             forces["applied external"] = rest
 
     # --- conventions: the centre's motion in world components, to the link frame's ------------------

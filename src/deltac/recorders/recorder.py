@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from deltac.arrays import PHYSICAL, SAME, Array
+from deltac.arrays import PHYSICAL, SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
 from deltac.mechanism import JOINT_KINDS, PASSIVE, ChannelName
@@ -273,8 +273,8 @@ class TrajectoryBuilder:
             if of_rows and not _passive(channel):
                 first[list(of_rows)] += list(of_rows.values())
         stages = np.array(steps)
-        allowed = SAME * np.abs(first).max(initial=0.0)
-        if np.abs(stages[:, 0] - first[:-1]).max(initial=0.0) > allowed:
+        allowed = SAME * max_norm(first)
+        if max_norm(stages[:, 0] - first[:-1]) > allowed:
             return None
         return np.concatenate([stages[:, 1:], np.repeat(first[-1:, None], count - 1, axis=1)])
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import LONG_LOG, SAME_STEP, SOME_ROWS, Array
+from deltac.arrays import LONG_LOG, SAME_STEP, SOME_ROWS, Array, max_norm
 from deltac.errors import LogError
 from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, as_run, compiled_model
 from deltac.recorders.recorder import ENGINE, simulator
@@ -152,12 +152,12 @@ def _missed(ends: list[tuple[Array, Array]], q: Array, u: Array) -> Array:
 def _change(values: Array) -> float:
     """What changes from row to row, typically; above zero."""
     change = np.abs(np.diff(values, axis=0)).max(axis=1)
-    return max(float(np.median(change)), 1e-6 * float(np.abs(values).max(initial=0.0)), 1e-12)
+    return max(float(np.median(change)), 1e-6 * max_norm(values), 1e-12)
 
 
 def _resolution(values: Array) -> float:
     """The unit in the last digit that was written."""
-    largest = float(np.abs(values).max(initial=0.0))
+    largest = max_norm(values)
     if np.array_equal(values, values.astype(np.float32)):
         return 2.0**-24 * largest
     for decimals in range(1, 10):

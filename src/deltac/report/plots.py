@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arrays import EPS, TINY, Array
+from deltac.arrays import EPS, TINY, Array, max_norm
 from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.report.panels import (
     MOST_DRAWN,
@@ -432,7 +432,7 @@ def _linearisation(report: Linearisation) -> Figure:
     drawing = blank(4.4, "Eigenvalues", right=LEGEND_WIDTH)
     panel = drawing.subplots()
     values = report.eigenvalues
-    size = 1e-9 * float(np.abs(values).max(initial=0.0))
+    size = 1e-9 * max_norm(values)
     for label, colour, subset in (
         ("decaying", GOOD, values.real < -size),
         ("neither", INK, np.abs(values.real) <= size),
@@ -442,7 +442,7 @@ def _linearisation(report: Linearisation) -> Figure:
             panel.plot(values.real[subset], values.imag[subset], "o", color=colour, label=label)
     panel.axvline(0.0, color=GREY, linewidth=0.8)
     panel.axhline(0.0, color=GREY, linewidth=0.8)
-    reach = 1.15 * float(np.abs(values).max(initial=0.0)) or 1.0
+    reach = 1.15 * max_norm(values) or 1.0
     panel.set_xlim(-reach, reach)
     panel.set_ylim(-reach, reach)
     panel.set_title(f"About the state at t = {report.state.t:g} s")

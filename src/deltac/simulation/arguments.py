@@ -155,7 +155,7 @@ def _tell_digits(
 
 def _contrast(mechanism: Mechanism, M: Array, *, tied: bool) -> str:
     """Which speeds move hardly any inertia of their own, in words."""
-    names = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
+    names = mechanism.speeds.free_names
     size = np.sqrt(np.diagonal(M))
     values, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
     share = np.abs(motions[:, 0])
@@ -219,7 +219,7 @@ def check_accelerations(
             error = acceleration_error(motion, rows, *at, suspect=suspect)
         bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
         if bad.size:
-            names = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+            names = mechanism.speeds.free_names
             which = ", ".join(repr(names[int(k)]) for k in bad if flow.own is None)
             raise StateError(
                 f"the accelerations are not finite at the start (t = {state.t:g}) {which and 'for ' + which}"

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arrays import NEGLIGIBLE, ROUGHLY
+from deltac.arrays import NEGLIGIBLE, ROUGHLY, max_norm
 from deltac.trajectories.rates import continuous, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray
 
@@ -77,7 +77,7 @@ class Movement:
 
     def fit(self) -> RatioFit:
         """Least squares of the increments on the integrals, scaled first: no square under- or overflows."""
-        a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (self.increments, self.integrals))
+        a, b = (max_norm(x) for x in (self.increments, self.integrals))
         if not (a > 0.0 and b > 0.0):
             return RatioFit(0.0, 0.0)
         x, y = (self.integrals / b).ravel(), (self.increments / a).ravel()

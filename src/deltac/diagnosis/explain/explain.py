@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import NEGLIGIBLE, Array
+from deltac.arrays import NEGLIGIBLE, Array, max_norm
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.inference.hypotheses import Fit, nothing
 from deltac.diagnosis.inference.joint import joint_posterior
@@ -227,7 +227,7 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
     rng = np.random.default_rng(1)
     mechanism = inference.model.mechanism
     free = mechanism.free
-    speed = max(float(np.abs(run.u).max(initial=0.0)), 1.0)
+    speed = max(max_norm(run.u), 1.0)
     bent = max(speed**2, 10.0)
     nu, logged = len(free.u), inference.model.log.size
 
@@ -242,9 +242,7 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
         speed * rng.standard_normal((TRIAL_STATES, nu)),
         bent * rng.standard_normal((TRIAL_STATES, nu)),
     )
-    force = (
-        max((float(np.abs(f).max(initial=0.0)) for f in run.forces.values()), default=0.0) or 1.0
-    )
+    force = max((max_norm(f) for f in run.forces.values()), default=0.0) or 1.0
     motions = [
         ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
         ("a motion with different motor forces", states(anywhere, fast, hard, force)),

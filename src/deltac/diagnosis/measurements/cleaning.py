@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
+from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array, max_norm
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     LEAST_RATIO,
@@ -203,7 +203,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     # What coordinates change by beyond what their speeds say; splines of coordinates jump with them.
     u = np.where(derived, 0.0, run.u[:, rates])
     excess = np.diff(run.q[:, places], axis=0) - 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
-    if np.abs(excess).max(initial=0.0) <= 0.5 * turn:
+    if max_norm(excess) <= 0.5 * turn:
         return run, []
     q, findings = np.array(run.q), list[Finding]()
     turns = np.round(excess / turn)
@@ -293,7 +293,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -> Iter
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
-        farthest = float(np.abs(comparison.integrals).max(initial=0.0))
+        farthest = max_norm(comparison.integrals)
         far = comparison.outliers & (np.abs(comparison.defect) > GAP * farthest)
         jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import ASSEMBLED, SAME, SMALL_SHARE, TINY, Array
+from deltac.arrays import ASSEMBLED, SAME, SMALL_SHARE, TINY, Array, max_norm
 from deltac.diagnosis.residuals.kane import Kane, StatePoint, times
 from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at
@@ -98,8 +98,8 @@ class EquationTest:
         }
         self.G: Array = motion_terms.G @ Y
         self.gamma: Array = motion_terms.gamma + times(motion_terms.G, self.point.rest)
-        size = np.abs(motion_terms.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)
-        if np.abs(self.G).max(initial=0.0) <= SAME * size:
+        size = max_norm(motion_terms.G) * max_norm(Y)
+        if max_norm(self.G) <= SAME * size:
             self.G, self.gamma = self.G[:, :0], self.gamma[:0]
         self._force = np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
         self._static = np.abs(self.bias) + sum(map(np.abs, self.forces.values()))

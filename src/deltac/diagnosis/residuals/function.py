@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import EPS, SAME, Array, max_norm
 from deltac.calls.progress import Progress, counted, no_progress
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -184,7 +184,7 @@ class Caller:
             return EquationTest(self.kane, at, strict=False).M
 
         rates = self.kane.own_rates(states.t, states.q, states.u)
-        h = DIFFERENCED / max(np.abs(rates).max(initial=0.0), 1.0)
+        h = DIFFERENCED / max(max_norm(rates), 1.0)
         change = sum(c * (mass(k * h) - mass(-k * h)) for k, c in enumerate(EIGHTH, 1)) / h
         M, nq = mass(0.0), len(self.kane.user_names)
         answer = self._singly(

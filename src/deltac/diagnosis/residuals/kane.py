@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import ASSEMBLED, SMALL_SHARE, Array
+from deltac.arrays import ASSEMBLED, SMALL_SHARE, Array, max_norm
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
@@ -111,7 +111,7 @@ class Kane:
         """
         if self.coordinates is not None and self.own is not None and self.own.mapped:
             return self.coordinates.coordinates
-        return tuple(self.mechanism.coordinates[int(k)].name for k in self.mechanism.free.q)
+        return self.mechanism.coordinates.free_names
 
     @property
     def assembled(self) -> bool:
@@ -139,7 +139,7 @@ class Kane:
                 near[place] /= np.linalg.norm(near[place])
             q = onto_positions(self.motion, state.t, near)
             phi, _ = self.motion.violation(state.t, q, still)
-            if np.abs(phi).max(initial=0.0) < ASSEMBLED:
+            if max_norm(phi) < ASSEMBLED:
                 return state.t, q
         raise ModelError(
             f"mechanism {self.mechanism.name!r} could not be assembled near q = 0; give a pair (mechanism, "
@@ -180,7 +180,7 @@ class Kane:
         """Names of the own speeds (without a map, of the free ones)."""
         if self.coordinates is not None:
             return self.coordinates.speeds
-        return tuple(self.mechanism.speeds[int(k)].name for k in self.mechanism.free.u)
+        return self.mechanism.speeds.free_names
 
     # --- functions of states -------------------------------------------------------------------
 

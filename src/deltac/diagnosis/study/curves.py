@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
+from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array, max_norm
 from deltac.diagnosis.study.convergence import FEWEST_TIMES, Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
@@ -175,7 +175,7 @@ def disagreements(
     comparable: list[BalancedRun] = []
     for entry, start in zip(usable, starts):
         late = abs(entry.run.t[0] - finest.t[0]) > 1e-6 * span
-        distance = float(np.abs(start - starts[-1]).max(initial=0.0))
+        distance = max_norm(start - starts[-1])
         if late or distance > SIX_DIGITS:
             findings.append(_other_start(entry, finest, distance, late=bool(late)))
         elif comparable and _same(comparable[-1].run, entry.run):

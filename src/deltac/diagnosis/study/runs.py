@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array
+from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array, max_norm
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import OF_RATES
@@ -280,7 +280,7 @@ def _balanced(
 def _absurd(run: Trajectory) -> str:
     """A run that was just made is no damaged file: numbers beyond all bounds are a blow-up. "" for none."""
     for what, values in (("coordinates", run.q), ("speeds", run.u), ("accelerations", run.udot)):
-        if values is not None and float(np.abs(values).max(initial=0.0)) > PHYSICAL:
+        if values is not None and max_norm(values) > PHYSICAL:
             return (
                 f"the run blows up: {what} reach {np.abs(values).max():.2g}. Use smaller steps, or an "
                 f"implicit method"
@@ -357,7 +357,7 @@ def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
         (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in forces), np.zeros(len(mean))
     )
     age = spacing if silent or step is None else step
-    return float(0.5 * age * np.abs(np.cumsum(late)).max(initial=0.0)), silent
+    return float(0.5 * age * max_norm(np.cumsum(late))), silent
 
 
 def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:

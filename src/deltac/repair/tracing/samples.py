@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array
+from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array, max_norm
 from deltac.arrays import SMALL_SHARE as FLOOR
 from deltac.diagnosis import EquationTest, Kane, draw, in_user_coordinates
 from deltac.errors import InputError
@@ -89,7 +89,7 @@ class StateSamples:
     def wrong(self, udot: Array) -> float:
         """The largest residual; infinite where the accelerations, or rates, are not finite."""
         with np.errstate(invalid="ignore"):
-            worst = float(np.max(np.abs(self.residual(udot)), initial=0.0))
+            worst = max_norm(self.residual(udot))
         return worst if np.isfinite(worst) else np.inf
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from deltac.analysis.evaluate import Evaluation, evaluated
 from deltac.analysis.model import Instants
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.dynamics import TracedScene as Places
 from deltac.dynamics import equations_of, evaluate_at, trace
 from deltac.mechanism import (
@@ -46,7 +46,7 @@ def arrows(mechanism: Mechanism, run: Trajectory, at: Instants) -> Iterator[Arro
     """Forces of constraints, contacts and applied ones, the largest of them."""
     acting = _Acted(mechanism, run, at)
     arrows = [arrow for part in _acting(mechanism, run) if (arrow := part.arrow(acting))]
-    arrows.sort(key=lambda arrow: -float(np.abs(arrow.force.values).max(initial=0.0)))
+    arrows.sort(key=lambda arrow: -max_norm(arrow.force.values))
     yield from arrows[:MOST_DRAWN]
 
 

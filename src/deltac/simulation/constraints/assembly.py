@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import ASSEMBLED, Array, max_norm
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
@@ -42,8 +42,7 @@ class Assembly:
 
 def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -> Assembly:
     """Find a state near a guess that satisfies every constraint: the core of `deltac.assemble`."""
-    q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
-    u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
+    q_free, u_free = mechanism.coordinates.free_names, mechanism.speeds.free_names
     for name in pinned:
         if name not in q_free and name not in u_free:
             raise UnknownName(
@@ -59,17 +58,17 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
         q = _assembled(equations, t, q, ~held_q)
         u = onto_speeds(equations, t, q, u, movable=~held_u)
         _, psi = equations.violation(t, q, u)
-        fastest = max(1.0, float(np.abs(u).max(initial=0.0)))
-        if not float(np.abs(psi).max(initial=0.0)) <= ASSEMBLED * fastest:
+        fastest = max(1.0, max_norm(u))
+        if not max_norm(psi) <= ASSEMBLED * fastest:
             raise _unmet(rows, psi, "velocity", "m/s or rad/s")
     rank = independence(equations, t, q)
     full_q, full_u = guess.q.copy(), guess.u.copy()
-    moved = float(np.abs(full_q[mechanism.free.q] - q).max(initial=0.0))
+    moved = max_norm(full_q[mechanism.free.q] - q)
     full_q[mechanism.free.q], full_u[mechanism.free.u] = q, u
     phi, psi = equations.violation(t, q, u)
     return Assembly(
         state=mechanism.state(full_q, full_u, t),
-        residual=float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)),
+        residual=max_norm(np.concatenate([phi, psi])),
         freedom=rank.freedom,
         redundant=row_names(rows, rank.redundant),
         singular=rank.singular,
@@ -87,7 +86,7 @@ def _assembled(
         return equations.violation(t, q, still)[0]
 
     def met(q: Array) -> bool:
-        return bool(np.abs(violation(q)).max(initial=0.0) <= ASSEMBLED)
+        return max_norm(violation(q)) <= ASSEMBLED
 
     closest_q = onto_positions(equations, t, guess, movable=movable)
     if met(closest_q):

@@ -9,7 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import ASSEMBLED, EPS, ROUNDED, Array
+from deltac.arrays import ASSEMBLED, EPS, ROUNDED, Array, max_norm
 from deltac.calls.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
@@ -301,13 +301,13 @@ class EventRun:
 
     def _slow(self, x: Array) -> float:
         """The speed below which a contact neither closes nor parts."""
-        return SLOW_CONTACT * max(1.0, float(np.abs(x[self.watch.flow.parts[1]]).max(initial=0.0)))
+        return SLOW_CONTACT * max(1.0, max_norm(x[self.watch.flow.parts[1]]))
 
     def _rest(self, t: float, x: Array, touching: list[int]) -> None:
         """Pairs that touch and do not part: they stay so, or are pressed on, and that is no impact."""
         sight, slow = self._look(t, x), self._slow(x)
         udot = self.rate(t, x)[self.watch.flow.parts[1]]
-        none = SLOW_CONTACT * max(1.0, float(np.abs(udot).max(initial=0.0)))
+        none = SLOW_CONTACT * max(1.0, max_norm(udot))
         for k in touching:
             resting = abs(sight.rate[k]) <= slow
             self._slack[k] = ASSEMBLED + max(0.0, -float(sight.g[k])) if resting else 0.0

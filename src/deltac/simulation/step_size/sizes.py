@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, SMALL_SHARE, Array
+from deltac.arrays import EPS, SMALL_SHARE, Array, max_norm
 from deltac.dynamics.digits import NEARBY
 from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.testing_functions import MOMENTUM
@@ -44,7 +44,7 @@ def state_sizes(
     q_part, u_part, z_part = flow.parts
     q, u, udot = x[q_part], x[u_part], xdot[u_part]
     turning_q, turning_u = _angles(flow)
-    length = float(np.abs(q[~turning_q]).max(initial=0.0))
+    length = max_norm(q[~turning_q])
     if length <= EPS:
         way = (np.abs(u) + np.abs(udot) * duration) * duration
         length = min(1.0, float(way[~turning_u].max(initial=0.0))) or 1.0

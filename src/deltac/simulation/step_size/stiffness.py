@@ -9,7 +9,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import PHYSICAL, Array
+from deltac.arrays import PHYSICAL, Array, max_norm
 from deltac.calls.caching import derived
 from deltac.errors import warn_user
 from deltac.simulation.flow import StateFlow
@@ -136,7 +136,7 @@ def _growth(solver: Solver, z: complex) -> float:
 
 def _within_measure(motion: Motion, x0: Array, n: int) -> Motion:
     """The motion up to where its state has grown absurdly."""
-    x, most = motion.x[:, :n], PHYSICAL * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
+    x, most = motion.x[:, :n], PHYSICAL * max(1.0, max_norm(x0[:n]))
     if not max(x.max(initial=0.0), -x.min(initial=0.0)) > most:
         return motion
     size = np.abs(x).max(axis=1)

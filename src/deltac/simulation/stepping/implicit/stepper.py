@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.dynamics.forces import channels
 from deltac.errors import SolverError
 from deltac.kernels import Kernel
@@ -141,7 +141,7 @@ class ImplicitSteps(Stepper):
     def _solved(self, t: float, x: Array, h: float, memory: Array) -> Taken:
         u = x[self._method.flow.parts[1]]
         data = np.concatenate([[t, h], x, memory, self._motors.held, self._p, [self._radius]])
-        self._fastest = max(self._fastest, float(np.abs(u).max(initial=0.0)))
+        self._fastest = max(self._fastest, max_norm(u))
         outcome = NewtonOutcome(np.empty(0), False, 0, np.empty(0))
         for guess in self._guesses(u, h, memory):
             outcome = self._newton.solve(guess, data, self._fastest)

@@ -30,8 +30,8 @@ from deltac.importers.names import (
     motor_strengths,
     tendon_names,
 )
-from deltac.importers.passive import Findings, disabled, read_passive, total_armature
-from deltac.importers.report import ImportReport, Remark
+from deltac.importers.passive import disabled, read_passive, total_armature
+from deltac.importers.report import Findings, ImportReport, Remark
 from deltac.importers.sdf import read_sdf
 from deltac.importers.tree import read_tree, turned
 from deltac.importers.urdf import Urdf, read_urdf, transmissions
@@ -261,31 +261,27 @@ def _refused(name: str, error: Exception) -> str:
 def report_unmodelled(model: Any, findings: Findings) -> None:
     """Everything else in the model that moves energy, into `findings`."""
     for name in actuator_names(model):
-        findings.ignored.append(Remark.logged(name, "actuator", f"actuator {name}"))
+        findings.leave_to_log(name, "actuator", f"actuator {name}")
     _of_joints_and_tendons(model, findings)
     _contacts(model, findings)
     if model.opt.density or model.opt.viscosity:
         what = f"fluid of density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
-        findings.ignored.append(Remark.logged("option", what, "applied fluid"))
+        findings.leave_to_log("option", what, "applied fluid")
     for k in range(model.nflex):
         name = model.flex(k).name or f"flex{k}"
-        findings.ignored.append(
-            Remark.logged(name, "deformable; its vertices are read as bodies", f"applied {name}")
+        findings.leave_to_log(
+            name, "deformable; its vertices are read as bodies", f"applied {name}"
         )
     if model.nplugin:
-        findings.ignored.append(
-            Remark.logged(
-                "plugins", f"{model.nplugin} plugins with forces of their own", "applied plugins"
-            )
+        findings.leave_to_log(
+            "plugins", f"{model.nplugin} plugins with forces of their own", "applied plugins"
         )
     for i, name in enumerate(body_names(model)):
         if model.body_mocapid[i] >= 0:
-            findings.assumed.append(
-                Remark(
-                    name,
-                    "mocap body, taken as fixed where the model puts it",
-                    "if it was moved in the run, what it does through constraints shows in their channels",
-                )
+            findings.assume(
+                name,
+                "mocap body, taken as fixed where the model puts it",
+                "if it was moved in the run, what it does through constraints shows in their channels",
             )
 
 
@@ -293,16 +289,16 @@ def _of_joints_and_tendons(model: Any, findings: Findings) -> None:
     for j, name in enumerate(joint_names(model)):
         dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
         if np.asarray(model.dof_frictionloss)[dofs].any():
-            findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
+            findings.leave_to_log(name, "dry friction", f"friction {name}")
         if model.jnt_limited[j]:
             low, high = model.jnt_range[j] + (model.jnt_margin[j], -model.jnt_margin[j])
             limits = (float(low), float(high)) if len(dofs) == 1 else None
-            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}", limits))
+            findings.leave_to_log(name, "limits", f"limit {name}", limits)
     for k, name in enumerate(tendon_names(model)):
         if model.tendon_frictionloss[k]:
-            findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
+            findings.leave_to_log(name, "dry friction", f"friction {name}")
         if model.tendon_limited[k]:
-            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
+            findings.leave_to_log(name, "limits", f"limit {name}")
 
 
 def _contacts(model: Any, findings: Findings) -> None:
@@ -310,7 +306,7 @@ def _contacts(model: Any, findings: Findings) -> None:
     colliding = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
     if not disabled_contacts and (colliding.sum() > 1 or model.npair):
         what = f"contact of {int(colliding.sum())} geoms"
-        findings.ignored.append(Remark.logged("geoms", what, "contact <geom1>:<geom2>"))
+        findings.leave_to_log("geoms", what, "contact <geom1>:<geom2>")
 
 
 # --- MJCF, URDF and MuJoCo models as mechanisms: `read_mechanism` --------------------------------
@@ -384,7 +380,7 @@ def read_mechanism(
     findings.ignored.extend(transmissions(urdf.document) if urdf is not None else ())
     weightless = disabled(model, "GRAVITY")
     if weightless:
-        findings.assumed.append(Remark("option", "gravity is switched off"))
+        findings.assume("option", "gravity is switched off")
     mechanism = Mechanism(
         tree.bodies,
         tree.joints,
@@ -394,16 +390,8 @@ def read_mechanism(
         name=_model_name(model, name),
         visuals=read_visuals(model),
     )
-    report = ImportReport(
-        name,
-        tuple(findings.read),
-        tuple(findings.ignored),
-        tuple(findings.assumed),
-        tuple(findings.equalities),
-        motor_strengths(model),
-        _starts(model, mechanism),
-    )
-    return mechanism, report
+    starts = _starts(model, mechanism)
+    return mechanism, findings.report(name, starts=starts, strengths=motor_strengths(model))
 
 
 def _starts(model: Any, mechanism: Mechanism) -> dict[str, State]:
@@ -513,19 +501,13 @@ def read_equalities(model: Any, as_constraints: bool, findings: Findings) -> tup
         constraint = _constraint(model, e, name)
         if constraint is not None and as_constraints:
             constraints.append(constraint)
-            findings.read.append(Remark(name, "equality, as an exact constraint"))
-            findings.assumed.append(
-                Remark(
-                    name,
-                    "the equality is exact",
-                    "MuJoCo's is soft: a log violates it and does work",
-                )
+            findings.note(name, "equality, as an exact constraint")
+            findings.assume(
+                name, "the equality is exact", "MuJoCo's is soft: a log violates it and does work"
             )
         else:
             findings.equalities += [constraint] if constraint is not None else []
-            findings.ignored.append(
-                Remark.logged(name, "equality, soft in MuJoCo", f"constraint {name}")
-            )
+            findings.leave_to_log(name, "equality, soft in MuJoCo", f"constraint {name}")
     return tuple(constraints)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,23 +17,9 @@ from deltac.importers.names import (
     speed_names,
     tendon_names,
 )
-from deltac.importers.report import Remark
+from deltac.importers.report import Findings, Remark
 from deltac.laws import q, u
-from deltac.mechanism import JOINT_KINDS, Constraint, Element, JointSpring, Tendon
-
-
-@dataclass
-class Findings:
-    """Force elements, and what was read, ignored and assumed, as reading goes on.
-
-    `equalities` are those left to the log, as the constraints that they would be.
-    """
-
-    forces: list[Element] = field(default_factory=list)
-    read: list[Remark] = field(default_factory=list)
-    ignored: list[Remark] = field(default_factory=list)
-    assumed: list[Remark] = field(default_factory=list)
-    equalities: list[Constraint] = field(default_factory=list)
+from deltac.mechanism import JOINT_KINDS, JointSpring, Tendon
 
 
 def total_armature(model: Any) -> Array:
@@ -50,7 +35,7 @@ def read_passive(model: Any, findings: Findings) -> None:
     springs, dampers = (not disabled(model, name) for name in ("SPRING", "DAMPER"))
     for on, what in ((springs, "springs"), (dampers, "dampers")):
         if not on:
-            findings.assumed.append(Remark("option", f"all passive {what} are switched off"))
+            findings.assume("option", f"all passive {what} are switched off")
     for j, name in enumerate(joint_names(model)):
         if springs:
             _joint_spring(model, j, name, findings)
@@ -102,7 +87,7 @@ def _joint_spring(model: Any, j: int, name: str, findings: Findings) -> None:
         model.qpos_spring[place : place + len(JOINT_KINDS[kind].coordinates)], dtype=float
     )
     if _plastic(model, "jnt", j):
-        findings.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
+        findings.leave_to_log(name, "spring that yields", f"spring {name}")
     elif kind in ("revolute", "prismatic"):
         if len(k) == 1:
             findings.forces.append(joint_spring(name, name, k[0], float(rest[0])))
@@ -110,15 +95,15 @@ def _joint_spring(model: Any, j: int, name: str, findings: Findings) -> None:
             x = q(name) - float(rest[0])
             potential = sum(a * x ** (n + 1) / (n + 1) for n, a in enumerate(k, 1))
             findings.forces.append(joint_spring(name, name, potential=potential))
-        findings.read.append(Remark(name, f"spring, stiffness {_shown(k)}, rest {rest[0]:g}"))
+        findings.note(name, f"spring, stiffness {_shown(k)}, rest {rest[0]:g}")
     elif len(k) > 1 or not np.allclose(rest[-4:], [1, 0, 0, 0], rtol=0, atol=1e-12):
         what = "spring of a rotation with higher coefficients or a turned rest position"
-        findings.ignored.append(Remark.logged(name, what, f"spring {name}"))
+        findings.leave_to_log(name, what, f"spring {name}")
     else:
         count = len(rest) - 3
         stiffness, at = (k[0],) * count, (*map(float, rest[:-4]), 0.0)
         findings.forces.append(JointSpring(name, name, stiffness, at))
-        findings.read.append(Remark(name, f"spring, stiffness {_shown(k)}"))
+        findings.note(name, f"spring, stiffness {_shown(k)}")
 
 
 def _joint_damper(model: Any, j: int, name: str, findings: Findings) -> None:
@@ -133,11 +118,11 @@ def _joint_damper(model: Any, j: int, name: str, findings: Findings) -> None:
             c[:, : len(added)] += added
             if added.any():
                 who = actuator_names(model)[a]
-                findings.read.append(Remark(name, f"damping of actuator {who} {_shown(added)}"))
+                findings.note(name, f"damping of actuator {who} {_shown(added)}")
     if c.any():
         laws = [_damping(list(map(float, row)), speed) for row, speed in zip(c, speeds)]
         findings.forces.append(joint_damper(name, name, laws))
-        findings.read.append(Remark(name, f"damper, {_shown(c[0])}"))
+        findings.note(name, f"damper, {_shown(c[0])}")
 
 
 def _damping(c: Sequence[float], speed: str) -> Any:
@@ -203,23 +188,21 @@ def _tendon(
             )
         )
     if not any(stiffness) and not damping.any():
-        findings.read.append(
-            Remark(name, "tendon without spring and damper: it carries forces only")
-        )
+        findings.note(name, "tendon without spring and damper: it carries forces only")
         return
     if any(stiffness) and _plastic(model, "tendon", k):
-        findings.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
+        findings.leave_to_log(name, "spring that yields", f"spring {name}")
         stiffness = [0.0]
     element = _path(model, k, name, stiffness, damping.tolist())
     if element is None:
         for kind, values in (("spring", stiffness), ("damper", damping)):
             if any(values):
                 what = f"{kind} of a tendon that wraps around geoms"
-                findings.ignored.append(Remark.logged(name, what, f"{kind} {name}"))
+                findings.leave_to_log(name, what, f"{kind} {name}")
     elif any(stiffness) or damping.any():
         findings.forces.append(element)
         shown = f"stiffness {_shown(stiffness)}, damping {_shown(damping)}"
-        findings.read.append(Remark(name, f"tendon, {shown}"))
+        findings.note(name, f"tendon, {shown}")
 
 
 def _path(
@@ -270,9 +253,7 @@ def _gravity_compensation(model: Any, findings: Findings) -> None:
     if fractions:
         findings.forces.append(gravity_compensation("gravcomp", fractions))
         for name, fraction in fractions.items():
-            findings.read.append(
-                Remark(name, f"gravity compensation of {fraction:g} of its weight")
-            )
+            findings.note(name, f"gravity compensation of {fraction:g} of its weight")
 
 
 def _plastic(model: Any, kind: str, i: int) -> bool:

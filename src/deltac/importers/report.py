@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from deltac.mechanism import Constraint, State
+from deltac.mechanism import Constraint, Element, State
 from deltac.results import SHOWN
 
 
@@ -79,3 +79,46 @@ class ImportReport:
             shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
             if remarks:
                 yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."
+
+
+@dataclass
+class Findings:
+    """What an import comes upon, as reading goes on: force elements, and the entries of its report."""
+
+    forces: list[Element] = field(default_factory=list)
+    read: list[Remark] = field(default_factory=list)
+    ignored: list[Remark] = field(default_factory=list)
+    assumed: list[Remark] = field(default_factory=list)
+    equalities: list[Constraint] = field(default_factory=list)
+
+    def note(self, element: str, what: str) -> None:
+        """Something is read."""
+        self.read.append(Remark(element, what))
+
+    def assume(self, element: str, what: str, consequence: str = "") -> None:
+        """Something is taken for granted."""
+        self.assumed.append(Remark(element, what, consequence))
+
+    def leave_to_log(
+        self, element: str, what: str, channel: str, limits: tuple[float, float] | None = None
+    ) -> None:
+        """A force has no counterpart here: as `Remark.logged`."""
+        self.ignored.append(Remark.logged(element, what, channel, limits))
+
+    def report(
+        self,
+        source: str,
+        *,
+        starts: Mapping[str, State],
+        strengths: Mapping[str, tuple[float, ...]] | None = None,
+    ) -> ImportReport:
+        """The report of a source, when all is read."""
+        return ImportReport(
+            source,
+            tuple(self.read),
+            tuple(self.ignored),
+            tuple(self.assumed),
+            tuple(self.equalities),
+            strengths or {},
+            starts,
+        )

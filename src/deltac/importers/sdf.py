@@ -33,7 +33,7 @@ from deltac.constraints import (
     loop_weld,
 )
 from deltac.errors import ModelError, UnknownName, closest, shown
-from deltac.importers.report import ImportReport, Remark
+from deltac.importers.report import Findings, ImportReport
 from deltac.importers.urdf import MOMENTS, inertia_tensor, xml_root
 from deltac.joints import Joint
 from deltac.mechanism import GROUND, Holonomic, JointOptions, Loop, Mechanism
@@ -108,8 +108,7 @@ class _SdfReader:
         self.frames = self.named("frame")
         if not self.links:
             raise ModelError(f"{file}: the model has no links")
-        self.ignored: list[Remark] = []
-        self.assumed: list[Remark] = []
+        self.findings = Findings()
         self.poses: dict[str, Pose] = {}
         self.followers: dict[str, tuple[str, float, float]] = {}
 
@@ -145,9 +144,7 @@ class _SdfReader:
             x, y, z = self.numbers(gravity_text, 3, "gravity")
             gravity = (x, y, z)
         else:
-            self.assumed.append(
-                Remark("world", "gravity is 9.8 m/s² downwards, SDFormat's default")
-            )
+            self.findings.assume("world", "gravity is 9.8 m/s² downwards, SDFormat's default")
         mechanism = Mechanism(
             [self.body(name, link) for name, link in self.links.items()],
             joints,
@@ -156,14 +153,11 @@ class _SdfReader:
             name=self.model.get("name") or self.file,
         )
         mobile = sum(bool(joint.speeds) for joint in joints)
-        read = [Remark("tree", f"{len(self.links)} links, {mobile} moving joints")]
-        read += [
-            Remark(loop.name, "joint that closes a loop, an exact constraint") for loop in loops
-        ]
+        self.findings.note("tree", f"{len(self.links)} links, {mobile} moving joints")
+        for loop in loops:
+            self.findings.note(loop.name, "joint that closes a loop, an exact constraint")
         starts = {"model": mechanism.state(self.start(joints))}
-        return mechanism, ImportReport(
-            self.file, tuple(read), tuple(self.ignored), tuple(self.assumed), starts=starts
-        )
+        return mechanism, self.findings.report(self.file, starts=starts)
 
     def carriers(self) -> dict[str, str]:
         """The joint that carries each link: the first of the file that makes no circle with those before."""
@@ -217,7 +211,7 @@ class _SdfReader:
         R, centre = (np.eye(3), np.zeros(3)) if inertial is None else self.pose(inertial, where)
         moments = inertial.find("inertia") if inertial is not None else None
         if inertial is None:
-            self.assumed.append(Remark(name, "no <inertial>: 1 kg and 1 kg·m², SDFormat's default"))
+            self.findings.assume(name, "no <inertial>: 1 kg and 1 kg·m², SDFormat's default")
         default = dict.fromkeys(("ixx", "iyy", "izz"), 1.0)
         values = (
             default.get(key, 0.0)
@@ -239,12 +233,10 @@ class _SdfReader:
                     position=p_link.tolist(),
                     rotation=R_link.tolist(),
                 )
-            self.assumed.append(
-                Remark(
-                    link,
-                    "no joint carries it: it floats freely",
-                    f"free joint {link!r}, its pose is the start",
-                )
+            self.findings.assume(
+                link,
+                "no joint carries it: it floats freely",
+                f"free joint {link!r}, its pose is the start",
             )
             return joints.free(link, link)
         seat = self.seat(name)
@@ -377,19 +369,19 @@ class _SdfReader:
                         "rest": self.number(dynamics, "spring_reference", 0.0, where),
                     }
                 if self.number(dynamics, "friction", 0.0, where):
-                    self.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
+                    self.findings.leave_to_log(name, "dry friction", f"friction {name}")
             if limit is not None:
                 low = self.number(limit, "lower", -1e16, where)
                 high = self.number(limit, "upper", 1e16, where)
                 if min(abs(low), abs(high)) < 1e15:
                     single = (low, high) if seat.kind in ("revolute", "prismatic") else None
-                    self.ignored.append(Remark.logged(name, "limits", f"limit {name}", single))
+                    self.findings.leave_to_log(name, "limits", f"limit {name}", single)
         if closing or seat.kind in ("ball", "universal"):
             which = "that closes a loop" if closing else "of several axes"
             for key, what in (("damping", "damper"), ("stiffness", "spring")):
                 if key in values:
                     text = f"{what} of a joint {which}"
-                    self.ignored.append(Remark.logged(name, text, f"{what} {name}"))
+                    self.findings.leave_to_log(name, text, f"{what} {name}")
             return {}
         return values
 
@@ -411,7 +403,7 @@ class _SdfReader:
                         f"{closest(leader, [n for n in self.joints if n != name])}"
                     )
                 if name not in single or leader not in single:
-                    self.ignored.append(Remark.logged(name, "mimic joint", f"constraint {name}"))
+                    self.findings.leave_to_log(name, "mimic joint", f"constraint {name}")
                     continue
                 where = f"joint {name!r}: mimic"
                 ratio, offset, reference = (
@@ -425,14 +417,12 @@ class _SdfReader:
         """What else does work: contacts and plugins."""
         colliding = [n for n, link in self.links.items() if link.find("collision") is not None]
         if colliding:
-            self.ignored.append(
-                Remark.logged(
-                    "collisions", f"contact of {len(colliding)} links", "contact <link1>:<link2>"
-                )
+            self.findings.leave_to_log(
+                "collisions", f"contact of {len(colliding)} links", "contact <link1>:<link2>"
             )
         for plugin in self.model.iter("plugin"):
             name = plugin.get("name") or plugin.get("filename") or "plugin"
-            self.ignored.append(Remark.logged(name, "plugin", "applied <plugin>"))
+            self.findings.leave_to_log(name, "plugin", "applied <plugin>")
 
     def start(self, joints: list[Joint]) -> dict[str, float]:
         """The model's own pose: of links that float, and of joints that follow others."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import math
 import reprlib
 import sys
 import warnings
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 
 class DeltacError(Exception):
@@ -173,6 +174,14 @@ def listed(names: Iterable[str]) -> str:
 
 NO_NUMBER = (TypeError, ValueError, OverflowError)
 """What `float` and NumPy raise for what is no number, or larger than any."""
+
+
+def number_or_nan(value: Any) -> float:
+    """A value as a float, NaN where it is no number: one test then refuses both."""
+    try:
+        return float(value)
+    except NO_NUMBER:
+        return math.nan
 
 
 def shown(value: object) -> str:

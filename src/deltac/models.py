@@ -147,13 +147,12 @@ class Model:
         Raises:
             InputError: none is given and the model has none; it does not fit the mechanism.
         """
+        state = self.first if state is None else state
         if state is None:
-            if not self.starts:
-                raise StateError(
-                    f"state: mechanism {self.mechanism.name!r} does not say where its motion starts; give "
-                    "state=mechanism.state({...}), or a Problem, which has one"
-                )
-            return next(iter(self.starts.values()))
+            raise StateError(
+                f"state: mechanism {self.mechanism.name!r} does not say where its motion starts; give "
+                "state=mechanism.state({...}), or a Problem, which has one"
+            )
         if isinstance(state, Mapping):
             return self.mechanism.state(state)
         if isinstance(state, str | Path):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
-from deltac.errors import NO_NUMBER, ModelError, UnknownName, WrongType, closest, shown
+from deltac.errors import ModelError, UnknownName, WrongType, closest, number_or_nan, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -336,10 +336,7 @@ def _parameters(parameters: Mapping[str, float]) -> dict[str, float]:
                 f"parameter {name!r}: a name of letters, digits and underscores is expected, "
                 "other than t, q, u and pi"
             )
-        try:
-            number = float(value)
-        except NO_NUMBER:
-            number = math.nan
+        number = number_or_nan(value)
         if not math.isfinite(number):
             raise ModelError(f"parameter {name!r} is {value!r}; expected a finite number")
         values[name] = number

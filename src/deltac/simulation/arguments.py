@@ -13,12 +13,12 @@ from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
-    NO_NUMBER,
     ArgumentsError,
     InputError,
     LimitError,
     SolverError,
     StateError,
+    number_or_nan,
     warn_user,
 )
 from deltac.foreign.limits import Limits
@@ -238,10 +238,7 @@ def check_accelerations(
 
 def positive(value: float, what: str) -> float:
     """The value as a float; InputError unless it is positive and finite."""
-    try:
-        number = float(value)
-    except NO_NUMBER:
-        number = math.nan
+    number = number_or_nan(value)
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(f"{what} is {value!r}; expected a positive, finite number")
     return number

@@ -250,7 +250,13 @@ def _compiled(
 
             events = eventful(flow, split, switches)
         flow_in_motion = flow if events is None else events.flow
-        method = _method(flow_in_motion, solver)
+        method: Method | None = None  # of the families that bring their own steps
+        if solver.family == "fixed":
+            method = FixedMethod(flow_in_motion, solver)
+        elif solver.family == "implicit":
+            from deltac.simulation.stepping.implicit.stepper import ImplicitMethod
+
+            method = ImplicitMethod(flow_in_motion, solver)
         observe = observer(flow)
         return Compiled(
             flow,
@@ -262,17 +268,6 @@ def _compiled(
         )
 
     return _RUNS.get(key, make)
-
-
-def _method(flow: StateFlow, solver: Solver) -> Method | None:
-    """The compiled steps of a solver; None of the families that bring their own."""
-    if solver.family == "fixed":
-        return FixedMethod(flow, solver)
-    if solver.family == "implicit":
-        from deltac.simulation.stepping.implicit.stepper import ImplicitMethod
-
-        return ImplicitMethod(flow, solver)
-    return None
 
 
 def _stepper(

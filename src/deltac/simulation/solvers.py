@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 from deltac.calls.arguments import checked
-from deltac.errors import NO_NUMBER, InputError, SolverError, UnknownName, WrongType
+from deltac.errors import InputError, SolverError, UnknownName, WrongType, number_or_nan
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,
     explicit_step,
@@ -124,7 +124,7 @@ class GeneralizedAlpha(Options):
     name: ClassVar[str] = "generalized-alpha"
 
     def __post_init__(self) -> None:
-        radius = _number(self.spectral_radius)
+        radius = number_or_nan(self.spectral_radius)
         if not 0.0 <= radius <= 1.0:
             raise InputError(
                 f"spectral_radius is {self.spectral_radius!r}; expected a number from 0 (asymptotic "
@@ -231,15 +231,8 @@ def _check(options: FixedStep | Adaptive, name: str) -> None:
 
 
 def _check_tolerance(value: float) -> None:
-    if not 0.0 < _number(value) < math.inf:
+    if not 0.0 < number_or_nan(value) < math.inf:
         raise SolverError(f"tolerance is {value!r}; expected a positive, finite number")
-
-
-def _number(value: float) -> float:
-    try:
-        return float(value)
-    except NO_NUMBER:
-        return math.nan
 
 
 @checked

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -387,9 +388,7 @@ def _misses(test: EquationTest, rates: Array) -> dict[str, float]:
     """How far rates q̇ (nq, B) are off, by coordinate, relative; empty where none are returned."""
     if not len(rates):
         return {}
-    size = np.sqrt(np.mean(test.rates**2, axis=1))
-    size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
-    errors = np.abs(rates - test.rates).max(axis=1) / size
+    errors = np.abs(rates - test.rates).max(axis=1) / test.rate_sizes
     errors = np.where(np.isfinite(errors), errors, np.inf)
     return dict(zip(test.kane.user_names, map(float, errors)))
 
@@ -566,11 +565,8 @@ def _other_coordinates(
         others.append(("joint", None))
         if chosen.q and chosen.u and len(chosen.coordinates) == len(chosen.speeds):
             others.append((RATES, CoordinateMap(chosen.coordinates, q=chosen.q)))
-    for name in ("absolute",):
-        try:
-            others.append((name, model.coordinate_map(name)))
-        except InputError:
-            continue
+    with contextlib.suppress(InputError):  # which has no such coordinates
+        others.append(("absolute", model.coordinate_map("absolute")))
     for name, coordinates in others:
         if coordinates is chosen or (coordinates and chosen and vars(coordinates) == vars(chosen)):
             continue  # these it was checked in

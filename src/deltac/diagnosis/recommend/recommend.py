@@ -20,7 +20,7 @@ from deltac.arrays import EPS, ROUGHLY
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.calls.progress import TIME_LIMIT, Progress
+from deltac.calls.progress import TIME_LIMIT, Progress, no_progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import LADDER, families
 from deltac.diagnosis.recommend.result import (
@@ -48,7 +48,7 @@ from deltac.diagnosis.study.simulators import (
     starting,
 )
 from deltac.diagnosis.verdict import LEAST_ORDER, REFINED_TOLERANCE, check_tolerance
-from deltac.errors import NO_NUMBER, InputError, SolverError
+from deltac.errors import InputError, SolverError, number_or_nan
 from deltac.models import ModelLike, StateLike, load_model
 
 TOO_DEAR = 8.0
@@ -320,7 +320,8 @@ class Search:
         """Of candidates without trials."""
         self.candidates = list(candidates)
         self.notes: list[str] = []
-        self._trials, self._deadline, self._progress = trials, deadline, progress
+        self._trials, self._deadline = trials, deadline
+        self._progress = progress or no_progress
         self._tolerances = tolerances
         self._first_wait = 0.0  # s, for the first trial of a solver, the longest so far
 
@@ -423,10 +424,7 @@ class Search:
     def _try(self, candidate: SolverCandidate, place: int) -> None:
         """Run a setting; of the first run that has an order, measure what more steps cost as well."""
         family, settings = candidate.family, candidate.family.settings
-        if self._progress is not None:
-            self._progress(
-                sum(bool(c.trials) for c in self.candidates) / (len(self.candidates) + 1)
-            )
+        self._progress(sum(bool(c.trials) for c in self.candidates) / (len(self.candidates) + 1))
         budget = self._budget(candidate)
         self._deadline.allow(budget)
         began, first = time.monotonic(), not candidate.trials
@@ -471,10 +469,7 @@ class Search:
 
 
 def _positive(value: float, what: str) -> float:
-    try:
-        number = float(value)
-    except NO_NUMBER:
-        number = math.nan
+    number = number_or_nan(value)
     if not number > 0.0:
         raise InputError(f"recommend: {what} is {value!r}; expected a positive number")
     return number

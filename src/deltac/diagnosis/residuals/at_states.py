@@ -145,6 +145,12 @@ class EquationTest:
         return least_squares(self.M, self.G)
 
     @cached_property
+    def rate_sizes(self) -> Array:
+        """Size of each q̇ (nq,), at least a thousandth of the largest."""
+        size = np.sqrt(np.mean(self.rates**2, axis=1))
+        return np.asarray(np.maximum(size, SMALL_SHARE * max_norm(size)) + 1e-300)
+
+    @cached_property
     def rates(self) -> Array:
         """Rates (nq, B) of the coordinates that functions of the user's are written in."""
         return self.kane.user_coordinates(self.states.t, self.states.q, self.states.u)[1]

@@ -12,14 +12,14 @@ from typing import TypeAlias
 import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array, max_norm
-from deltac.calls.progress import Progress
+from deltac.calls.progress import Progress, counted, no_progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.residuals.at_samples import within_digits
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding
 from deltac.energy import Ledger
-from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
+from deltac.errors import ArgumentsError, DeltacError, InputError, WrongType, number_or_nan
 from deltac.mechanism import Mechanism
 from deltac.simulation import (
     EnergyErrorWarning,
@@ -91,10 +91,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     """Steps, coarsest first and each once; findings of what was mended. InputError for what is none."""
     values: list[float] = []
     for step in steps:
-        try:
-            number = float(step)
-        except NO_NUMBER:
-            number = math.nan
+        number = number_or_nan(step)
         if not (math.isfinite(number) and number > 0.0):
             logs = "; runs that were made before are given as runs="
             raise InputError(
@@ -132,13 +129,9 @@ def simulated(
     trusted: bool,
 ) -> list[StudyRun]:
     """One run for each step; what fails is kept as a failure. `trusted`: the simulator is our own."""
-    runs = []
-    for k, step in enumerate(steps):
-        if progress is not None:
-            progress(k / len(steps))
-        runs.append(_simulated(mechanism, simulator, step, trusted=trusted))
-    if progress is not None:
-        progress(1.0)
+    tell = progress or no_progress
+    runs = [_simulated(mechanism, simulator, h, trusted=trusted) for h in counted(steps, tell)]
+    tell(1.0)
     return runs
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Progress
+from deltac.calls.progress import Progress, counted, no_progress
 from deltac.errors import FileError, InputError, LimitError, SourceError, UnknownName
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
@@ -205,14 +205,11 @@ def mutate_equations(
     varied = program.varied
     source = program.source
     mutants = mutants_of(program, names, seed)
-    trials = []
-    for k, mutant in enumerate(mutants):
-        if progress is not None:
-            progress(k / len(mutants))
-        trials.append(_tried(source, mutant, target, varied))
+    progress = progress or no_progress
+    trials = tuple(_tried(source, one, target, varied) for one in counted(mutants, progress))
     names_of_tests = tuple(_blank(target))
     report = MutationReport(
-        source.name, source.qualified, names_of_tests, tuple(trials), program.wrong, varied
+        source.name, source.qualified, names_of_tests, trials, program.wrong, varied
     )
     return report if tests is None else _with_suite(report, source, tests, most, seed, progress)
 
@@ -240,7 +237,7 @@ def _with_suite(
     command: str,
     most: int,
     seed: int,
-    progress: Progress | None,
+    progress: Progress,
 ) -> MutationReport:
     """The report with what the user's own tests see of some of the mistakes."""
     if source.path is None:
@@ -251,9 +248,7 @@ def _with_suite(
     chosen = sorted(random.Random(seed).sample(wrong, min(most, len(wrong))))
     trials = []
     with copied(command, source.path, source.qualified) as suite:
-        for done, k in enumerate(chosen):
-            if progress is not None:
-                progress(done / len(chosen))
+        for k in counted(chosen, progress):
             trial = report.trials[k]
             value = 0.0 if suite.passes(trial.mutant.text) else np.inf
             trials.append(replace(trial, seen={**trial.seen, SUITE: value}))

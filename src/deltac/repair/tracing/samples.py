@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array, max_norm
-from deltac.arrays import SMALL_SHARE as FLOOR
+from deltac.arrays import ROOT_EPS, Array, max_norm
 from deltac.diagnosis import EquationTest, Kane, draw, in_user_coordinates
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State
@@ -169,9 +168,9 @@ class Target:
             u=join([test.states.u for test in tests]),
             acceleration=join([test.acceleration for test in tests]),
             rates=join([test.rates for test in tests]),
-            rate_size=spread(_rate_size),
+            rate_size=spread(lambda test: test.rate_sizes),
             M=np.concatenate([test.M for test in tests]),
-            typical=spread(_typical),
+            typical=spread(lambda test: test.typical(test.acceleration)),
             parameters={
                 name: join([np.full(size, v[name]) for v, size in zip(values, sizes)])
                 for name in varied
@@ -179,17 +178,3 @@ class Target:
             group=np.repeat(np.arange(len(sizes)), sizes),
             speeds=tests[0].speeds,
         )
-
-
-def _rate_size(test: EquationTest) -> Array:
-    """Size of each q̇ (nq,), at least a thousandth of the largest."""
-    size = np.sqrt(np.mean(test.rates**2, axis=1))
-    return np.asarray(np.maximum(size, SMALL_SHARE * size.max(initial=0.0)) + 1e-300)
-
-
-def _typical(test: EquationTest) -> Array:
-    """Size of each equation's terms (n,), at least a thousandth of its natural inertia force.
-
-    Where the terms of an equation cancel (two equal moments of inertia), what is left of them is rounding.
-    """
-    return np.maximum(test.typical(test.acceleration), SMALL_SHARE / FLOOR * test.floor)

@@ -465,21 +465,13 @@ def ranges(columns: Sequence[str]) -> str:
         match = re.fullmatch(r"(.*?)(\d+)(\D*)", column)
         stem = f"{match[1]}#{match[3]}" if match else column
         parts.setdefault(stem, []).append(match[2] if match else "")
-    texts = [
-        stem.replace("#", "…".join(dict.fromkeys((numbers[0], numbers[-1]))), 1)
-        if numbers[0]
-        else stem
-        for stem, numbers in (
-            (stem, sorted(several, key=_number)) for stem, several in parts.items()
-        )
-    ]
-    return ", ".join(texts[:SHOWN]) + (
-        f", … ({len(columns)} columns)" if len(texts) > SHOWN else ""
-    )
-
-
-def _number(digits: str) -> int:
-    return int(digits or 0)
+    texts = []
+    for stem, several in parts.items():
+        numbers = sorted(several, key=lambda digits: int(digits or 0))
+        ends = "…".join(dict.fromkeys((numbers[0], numbers[-1])))
+        texts.append(stem.replace("#", ends, 1) if ends else stem)
+    more = f", … ({len(columns)} columns)" if len(texts) > SHOWN else ""
+    return ", ".join(texts[:SHOWN]) + more
 
 
 def _unreadable(one: Meaning, raw: RawLog) -> InputError | None:

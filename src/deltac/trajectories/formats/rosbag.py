@@ -181,7 +181,8 @@ def _log(messages: Iterator[Message], size: int) -> RawLog:
         )
     if len(joints) != 1:
         return _apart(collector, joints, tables)
-    return _beside(collector, next(iter(joints.values())), tables)
+    (one,) = joints.values()
+    return _merged(collector, _add(collector, one, "", min(one.stamps)), one.topic, tables)
 
 
 Tables: TypeAlias = Mapping[str, tuple[npt.NDArray[np.int64], dict[str, FloatArray]]]
@@ -211,40 +212,30 @@ def _apart(
     return collector.log()
 
 
-def _beside(collector: Collector, one: _Joints, tables: Tables) -> RawLog:
-    """The only set of joints, and other topics at its times."""
-    stamps = _add(collector, one, "", min(one.stamps))
-    return _merged(collector, stamps, one.topic, tables)
-
-
 def _merged(
     collector: Collector, stamps: npt.NDArray[np.int64], main: str, tables: Tables
 ) -> RawLog:
     """The log with other topics at the times of the main one, which ends where these end."""
-    columns: dict[str, FloatArray] = {}
+    fitting: dict[str, tuple[npt.NDArray[np.int64], dict[str, FloatArray]]] = {}
     resampled: dict[str, str] = {}
     first, last = 0, len(stamps)
-    for topic, (times, topic_columns) in tables.items():
+    for topic, (times, columns) in tables.items():
         a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
         if b - a < max(FEWEST_ROWS, (1.0 - ROUGHLY) * len(stamps)):
             collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
             continue
         first, last = max(first, int(a)), min(last, int(b))
-        for name, values in topic_columns.items():
-            column = f"{topic}.{name}"
-            columns[column] = values
+        if columns:
+            fitting[topic] = times, columns
         if not np.isin(stamps[a:b], times).all():
-            resampled |= {
-                f"{topic}.{n}": f"{topic}: interpolated to the times of {main}"
-                for n in topic_columns
-            }
+            how = f"{topic}: interpolated to the times of {main}"
+            resampled |= {f"{topic}.{name}": how for name in columns}
     for name, array in collector.arrays.items():
         collector.arrays[name] = array[first:last]
     at = stamps[first:last]
-    for topic, (times, topic_columns) in tables.items():
-        if f"{topic}.{next(iter(topic_columns), '')}" in columns:
-            for name, values in _interpolated(times, topic_columns, at).items():
-                collector.add(f"{topic}.{name}", values)
+    for topic, (times, columns) in fitting.items():
+        for name, values in _interpolated(times, columns, at).items():
+            collector.add(f"{topic}.{name}", values)
     log = collector.log()
     return RawLog(log.columns, units=log.units, skipped=log.skipped, resampled=resampled)
 

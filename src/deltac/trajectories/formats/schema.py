@@ -222,30 +222,25 @@ def _derive_layout(columns: Mapping[str, Any]) -> _ColumnLayout:
                 f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
                 f"for example '{prefix}.elbow'. Columns: {listed(columns)}"
             )
-    accelerations = _strip("udot.", columns)
-    speed_names = set(speeds)
-    for name in accelerations:
-        if name not in speed_names:
-            raise UnknownName(
-                f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
-            )
     stages = [prefix for prefix in _STAGES if any(name.startswith(prefix) for name in columns)]
     for own, prefix in zip(stages, _STAGES):
         if own != prefix:
             raise LogError(
                 f"columns '{own}<speed>': there is none of '{prefix}<speed>'; stages are counted from 2 on"
             )
-        for name in _strip(own, columns):
+    speed_names = set(speeds)
+    for prefix in ("udot.", *stages):
+        for name in _strip(prefix, columns):
             if name not in speed_names:
                 raise UnknownName(
-                    f"column {own + name!r}: no speed 'u.{name}'{closest(name, speeds)}"
+                    f"column {prefix + name!r}: no speed 'u.{name}'{closest(name, speeds)}"
                 )
     speed_order, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
     channels = dict.fromkeys(_channel(n, speed_order, lengths) for n in _strip("force.", columns))
     return _ColumnLayout(
         coordinates,
         speeds,
-        bool(accelerations),
+        bool(_strip("udot.", columns)),
         tuple(channels),
         _strip("work.", columns),
         _strip("integral.", columns),

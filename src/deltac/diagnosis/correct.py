@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import EPS, SAME, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -73,7 +73,7 @@ class Correction(Report, omit=("run", "audit")):
 
     def summary(self) -> str:
         """How far the log was off, and the corrected motion may be."""
-        error, remainder = float(np.abs(self.log_error).max()), float(self.remaining.max())
+        error, remainder = max_norm(self.log_error), float(self.remaining.max())
         return (
             f"the log is off by up to {number(error, digits=2)}, the corrected motion by about "
             f"{number(remainder, digits=1)}; |ΔC| {number(self.log_delta_c, 'J', 2)} → "
@@ -149,7 +149,7 @@ def correct_trajectory(
             )
         rows, error, total = rows.take(slice(count)), error[:count], total[:count] + error[:count]
         rows = _moved(model_of_rows, rows, -error)
-        sizes.append(float(np.abs(error).max()))
+        sizes.append(max_norm(error))
         ratio = 1.0 if before is None else float(now[count - 1] / max(before[count - 1], EPS))
         before = now[:count]
     # What is left is to the last correction as that is to the one before; and what is not known.
@@ -168,8 +168,8 @@ def correct_trajectory(
         total,
         remaining,
         tuple(sizes),
-        float(np.abs(ledger.delta_c["wang"]).max()),
-        float(np.abs(log_ledger.delta_c["wang"]).max()),
+        max_norm(ledger.delta_c["wang"]),
+        max_norm(log_ledger.delta_c["wang"]),
         float(ledger.error_bar["wang"].max()),
         result,
     )

@@ -136,7 +136,7 @@ class Ledger(
 
     def relative(self, name: str) -> float:
         """Largest |ΔC| of a testing function as a fraction of the energy exchanged."""
-        largest = float(np.abs(self.delta_c[name]).max())
+        largest = max_norm(self.delta_c[name])
         return largest / self.energy_exchanged if self.energy_exchanged > 0 else 0.0
 
     @property
@@ -204,7 +204,7 @@ class Ledger(
         """Of each testing function: largest |ΔC|, its error bar (J), its share of the energy exchanged."""
         return {
             name: {
-                "delta_c": float(np.abs(values).max()),
+                "delta_c": max_norm(values),
                 "error_bar": float(self.error_bar[name].max()),
                 "relative": self.relative(name),
             }
@@ -215,7 +215,7 @@ class Ledger(
         """Of each speed: largest |ΔP_r|, its error bar (kg·m/s, kg·m²/s), its share of p_r's changes."""
         return {
             name: {
-                "delta_p": (size := float(np.abs(values).max())),
+                "delta_p": (size := max_norm(values)),
                 "error_bar": float(self.delta_p_bar[name].max()),
                 "relative": size / change if (change := self.momentum_exchanged[name]) else 0.0,
             }

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-import numpy as np
-
+from deltac.arrays import max_norm
 from deltac.foreign.isolation import Failure
 
 if TYPE_CHECKING:
@@ -130,7 +129,7 @@ def audited_row(audit: Audit, seconds: float) -> dict[str, Any]:
         "verdict": audit.verdict.kind,
         "confidence": audit.verdict.confidence,
         "relative": audit.relative,
-        "energy_error": float(np.abs(audit.energy_error).max()),
+        "energy_error": max_norm(audit.energy_error),
         "energy": audit.reference_energy,
         "error_bar": float(audit.ledger.error_bar[audit.function].max()),
         "samples": float(audit.samples),

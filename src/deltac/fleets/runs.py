@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.errors import InputError
 from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
 from deltac.foreign.isolation import Failure
@@ -294,7 +294,7 @@ def _single(piece: RunPiece) -> dict[str, Any]:
     mechanism, run = motion(task, piece.values)
     seconds = time.process_time() - began
     ledger = balance(mechanism, run)
-    error = float(np.abs(ledger.uncorrected("wang")).max())
+    error = max_norm(ledger.uncorrected("wang"))
     energy = ledger.reference_energy
     lost = not run.provenance.completed
     relative, verdict = judged(
@@ -308,7 +308,7 @@ def _single(piece: RunPiece) -> dict[str, Any]:
         "relative": relative,
         "energy_error": [error],
         "energy": [energy],
-        **{f"delta_c.{n}": [float(np.abs(ledger.delta_c[n]).max())] for n in TESTING},
+        **{f"delta_c.{n}": [max_norm(ledger.delta_c[n])] for n in TESTING},
         "stopped": [float(run.t[-1]) if lost else None],
         "message": [run.provenance.message or None],
         "seconds": [seconds],

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.bodies import Body, body, frame
 from deltac.importers.names import IN_MUJOCO, body_names, joint_names
 from deltac.importers.report import Remark
@@ -95,7 +95,7 @@ def _link(name: str, link: LinkInertia, carries: bool) -> Body:
     """The body of a URDF's link; one without mass is a frame, if what it carries has some."""
     if link.empty and carries:
         return frame(name)
-    if link.rigid(1e-9 * float(np.abs(link.tensor).max())):  # as `body` judges it
+    if link.rigid(1e-9 * max_norm(link.tensor)):  # as `body` judges it
         return body(name, link.mass, link.tensor, link.centre)
     return UrdfBody(name, link.mass, link.centre, link.tensor)  # type: ignore[arg-type]
 

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.bodies import Body
 from deltac.errors import FileError, InputError, ModelError, shown
 from deltac.foreign.files import read_text
@@ -63,7 +63,7 @@ class LinkInertia:
     @property
     def slack(self) -> float:
         """What rounding may have made of a moment (kg·m²)."""
-        return _ROUNDING[0] * float(np.abs(self.tensor).max()) + _ROUNDING[1] * self.mass
+        return _ROUNDING[0] * max_norm(self.tensor) + _ROUNDING[1] * self.mass
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from deltac.arrays import max_norm
 from deltac.errors import ModelError
 from deltac.mechanism.laws import LawLike, VectorLike, as_law
 from deltac.mechanism.parts import NonNegative, Part, Point, constructor
@@ -174,7 +175,7 @@ def _check_inertia(tensor: list[list[float]], name: str) -> None:
 
     where = f"inertia of body {name!r}"
     inertia = np.array(tensor, dtype=float)
-    scale = float(np.abs(inertia).max())
+    scale = max_norm(inertia)
     if scale == 0.0:
         return
     if np.abs(inertia - inertia.T).max() > 1e-9 * scale:

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import SAME, Array, max_norm
 from deltac.dynamics import System, trace
 from deltac.errors import LogError, ModelError, WrongType, closest
 from deltac.mechanism import CoordinateMap, Mechanism
@@ -180,7 +180,7 @@ def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:
 def _between(t: Array) -> dict[str, str]:
     """A note that rows lie between the steps of the solver, where their times show it."""
     h = np.diff(t)
-    even = len(h) > 2 and float(np.ptp(h)) <= SAME * float(np.abs(h).max())
+    even = len(h) > 2 and float(np.ptp(h)) <= SAME * max_norm(h)
     return {ROWS: INTERPOLATED} if even else {}
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.calls.services import service
@@ -346,9 +346,7 @@ class Trajectory(Shown, Once):
         rows = [row(f"q {name}", values) for name, values in zip(self.coordinates, self.q.T)]
         rows += [row(f"u {name}", values) for name, values in zip(self.speeds, self.u.T)]
         yield Table(("", "first", "last", "least", "largest"), tuple(rows))
-        channels = tuple(
-            (str(name), number(float(np.abs(f).max()))) for name, f in self.forces.items()
-        )
+        channels = tuple((str(name), number(max_norm(f))) for name, f in self.forces.items())
         yield Table(("channel", "largest |force| (N, N·m)"), channels)
         events = tuple((f"{event.t:.6g}", ", ".join(event.names)) for event in self.events)
         yield Table(("time (s)", "what happened"), events)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import Blame, blame
@@ -54,7 +54,7 @@ class Localisation(Report, omit=("t", "residual", "joints"), also=("power",)):
     @property
     def power(self) -> dict[str, float]:
         """Largest power that each joint takes beyond what the model supplies, W."""
-        return {name: float(np.abs(values).max()) for name, values in self.joints.items()}
+        return {name: max_norm(values) for name, values in self.joints.items()}
 
     def summary(self) -> str:
         """How many equations do not hold, and which is the worst."""

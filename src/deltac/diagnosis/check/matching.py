@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import HALF_DIGITS, SAME, SIX_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SAME, SIX_DIGITS, Array, max_norm
 from deltac.calls.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
@@ -251,7 +251,7 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Summand]:
                 text, values = f"{text}*u̇.{name}", values * udot[test.speeds.index(name)]
             values = np.broadcast_to(np.asarray(values, dtype=float), states.t.shape)
             parts.append(replace(part, values=values, symbols=text))
-    sizes = (float(np.abs(part.values).max()) for part in parts)
+    sizes = (max_norm(part.values) for part in parts)
     return [part for part, size in zip(parts, sizes) if SAME * scale < size < np.inf]
 
 

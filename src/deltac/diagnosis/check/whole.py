@@ -14,7 +14,7 @@ from math import factorial
 
 import numpy as np
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, Array, max_norm
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.explain.result import sentence
@@ -328,8 +328,8 @@ def _order(caller: Caller, test: EquationTest, some: States) -> float | None:
         if udot is None:
             return None
         right = EquationTest(test.kane, near, strict=False).acceleration
-        errors.append(float(np.abs(udot - right).max()))
-    size = float(np.abs(test.acceleration).max())
+        errors.append(max_norm(udot - right))
+    size = max_norm(test.acceleration)
     if not 0.0 < errors[1] < errors[0] < size:
         return None
     return float(np.log(errors[0] / errors[1]) / np.log(SMALL[0] / SMALL[1]))

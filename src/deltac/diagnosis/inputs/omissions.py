@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import ROUGHLY, SAME, SAME_STEP, Array
+from deltac.arrays import ROUGHLY, SAME, SAME_STEP, Array, max_norm
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
 from deltac.errors import InputError, listed
@@ -212,7 +212,7 @@ def _impacts_told(
     names = listed(dict.fromkeys(name for e in events for name in e.names))
     shares = np.array([departs @ jump / (jump @ jump) for departs, jump in hits])
     share, scatter = float(shares.mean()), float(shares.std())
-    sizes = [float(np.abs(departs).max()) for departs, _ in hits]
+    sizes = [max_norm(departs) for departs, _ in hits]
     if (
         len(hits) >= FEW_IMPACTS
         and abs(share) > STEADY_RATIO * scatter

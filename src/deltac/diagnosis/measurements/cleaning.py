@@ -271,7 +271,7 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
             rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
             step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
         even = start + step * rows
-    scatter = float(np.abs(run.t - even).max())
+    scatter = max_norm(run.t - even)
     return replace(run, t=even) if SIX_DIGITS * step < scatter < 0.5 * step else None
 
 

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, NEGLIGIBLE, Array, medians
+from deltac.arrays import EPS, NEGLIGIBLE, Array, max_norm, medians
 from deltac.calls.caching import derived
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
@@ -183,7 +183,7 @@ def _count(column: Array) -> float:
         return 0.0
     gaps = np.diff(levels)
     count = float(gaps.min())
-    if count < 1e-9 * float(np.abs(levels).max()):
+    if count < 1e-9 * max_norm(levels):
         return 0.0
     remainder = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
     return count if float(remainder.max()) < 1e-3 else 0.0

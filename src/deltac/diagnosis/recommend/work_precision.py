@@ -14,7 +14,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array
+from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array, max_norm
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import LEAST_ORDER
@@ -413,7 +413,7 @@ def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     delta_c = ledger.uncorrected("wang")
     if not np.isfinite(delta_c).all():
         return "the energies are not finite"
-    return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, ledger.still)
+    return _Energies(max_norm(delta_c), ledger.reference_energy, ledger.still)
 
 
 def _share(energy: float, reference_energy: float) -> float:

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arrays import NEGLIGIBLE, Array
+from deltac.arrays import NEGLIGIBLE, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.diagnosis.verdict import LEAST_ORDER
 from deltac.errors import InputError
@@ -186,7 +186,7 @@ def _limit(
     alone, are the limit themselves, as far as that goes.
     """
     if len(h) < 3:
-        return float(np.abs(y[-1]).max()), math.inf, (None, None)
+        return max_norm(y[-1]), math.inf, (None, None)
     coarse, fine = np.abs(np.diff(y[-3:], axis=0))
     noise, largest = float(floors[-2:].max()), float(fine.max())
     orders = [_orders(h[-3:], coarse, fine)]
@@ -197,7 +197,7 @@ def _limit(
     uncertainty = _weight(h, slowest) * largest + noise
     correction = _weight(h, orders[0][0]) * (y[-2] - y[-1]) if settles else 0.0
     order = _with_error(orders, noise / largest) if settles else (None, None)
-    return float(np.abs(y[-1] - correction).max()), uncertainty, order
+    return max_norm(y[-1] - correction), uncertainty, order
 
 
 def _weight(h: Array, order: float) -> float:

@@ -71,7 +71,7 @@ class ComparedRuns:
             return Convergence("does not settle" if len(self.runs) > 1 else "one run")
         x = self.states[self.first :, 1 : self.within]
         rows = np.array([len(entry.run) for entry in self.runs[self.first :]])
-        floors = 8.0 * EPS * np.sqrt(rows) * max(1.0, float(np.abs(x).max()))
+        floors = 8.0 * EPS * np.sqrt(rows) * max(1.0, max_norm(x))
         return between_runs(self.steps[self.first :], x, floors)
 
 
@@ -201,7 +201,7 @@ def _diverged(entry: BalancedRun, finest: BalancedRun) -> bool:
 
 def _energy_error(entry: BalancedRun) -> float:
     """Largest |ΔC| (J), of the testing function that shows least: some see what is no error of the step."""
-    return min(float(np.abs(curve).max()) for curve in entry.energy_error.values())
+    return min(max_norm(curve) for curve in entry.energy_error.values())
 
 
 def _of_divergence(entry: BalancedRun, finest: BalancedRun) -> Finding:

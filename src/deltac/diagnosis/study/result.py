@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltac.arrays import max_norm
 from deltac.diagnosis.inputs.channels import import_remarks
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import ComparedRuns
@@ -76,7 +77,7 @@ class Study(
     def errors(self) -> tuple[float, ...]:
         """Largest |ΔC| of each of them, corrections included, J."""
         curves = (entry.energy_error[self.function] for entry in self.comparison.runs)
-        return tuple(float(np.abs(curve).max()) for curve in curves)
+        return tuple(max_norm(curve) for curve in curves)
 
     @property
     def bars(self) -> tuple[float, ...]:
@@ -182,7 +183,7 @@ class Study(
         return tuple(
             {
                 "step": entry.step,
-                "delta_c": {n: float(np.abs(c).max()) for n, c in entry.energy_error.items()},
+                "delta_c": {n: max_norm(c) for n, c in entry.energy_error.items()},
                 "error_bar": {n: float(b.max()) for n, b in entry.bar.items()},
                 "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),

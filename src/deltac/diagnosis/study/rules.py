@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from deltac.arrays import ROUGHLY, SAME, SMALL_SHARE, TINY
+from deltac.arrays import ROUGHLY, SAME, SMALL_SHARE, TINY, max_norm
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import (
     CLEAR,
@@ -81,11 +81,9 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
     work = corrections(ledger)
     if not work:
         return
-    name, largest = max(work.items(), key=lambda item: float(np.abs(item[1]).max()))
-    done = float(np.abs(largest).max())
-    ways = [
-        float(np.abs(x).max()) for x in (ledger.delta_c[function], ledger.uncorrected(function))
-    ]
+    name, largest = max(work.items(), key=lambda item: max_norm(item[1]))
+    done = max_norm(largest)
+    ways = [max_norm(x) for x in (ledger.delta_c[function], ledger.uncorrected(function))]
     if done <= allowed or 2.0 * min(ways) > max(ways):  # within a factor of two none is blind
         return
     yield Finding(

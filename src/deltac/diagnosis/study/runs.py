@@ -300,11 +300,7 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
     finest = next((r.ledger for r in reversed(runs) if r.ledger is not None), None)
     if finest is None or not corrections(finest):
         return tuple(runs)
-    hidden = [
-        n
-        for n, x in finest.delta_c.items()
-        if float(np.abs(finest.uncorrected(n)).max()) > float(np.abs(x).max())
-    ]
+    hidden = [n for n, x in finest.delta_c.items() if max_norm(finest.uncorrected(n)) > max_norm(x)]
 
     def taken(entry: StudyRun) -> StudyRun:
         if entry.ledger is None:
@@ -364,9 +360,7 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
         return {}
     now = balance(mechanism, moved, was.method)
     pairs = ((was.delta_c, now.delta_c), (was.momentum, now.momentum))
-    return {
-        n: float(np.abs(after[n] - x).max()) for before, after in pairs for n, x in before.items()
-    }
+    return {n: max_norm(after[n] - x) for before, after in pairs for n, x in before.items()}
 
 
 def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:

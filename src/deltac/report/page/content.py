@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, Array
+from deltac.arrays import LONG_LOG, Array, max_norm
 from deltac.diagnosis import (
     MEANINGS,
     Audit,
@@ -149,7 +149,7 @@ def _(report: Audit, context: Beside) -> Page:
     ledger, run, mechanism = report.ledger, report.run, report.mechanism
     v = report.verdict
     bar = float(ledger.error_bar[report.function].max())
-    largest = float(np.abs(report.energy_error).max())
+    largest = max_norm(report.energy_error)
     chapters = [
         Chapter("The evidence", (audit_errors(report), _rests_on(report))),
         _findings(report.findings, ledger, run, report.energy_error),

@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from deltac.arrays import ROUGHLY, TINY, Array
+from deltac.arrays import ROUGHLY, TINY, Array, max_norm
 from deltac.calls.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
@@ -60,7 +59,7 @@ def check_correction_held(flow: StateFlow, t: Array, x: Array, p: Array) -> None
     """Warn `EnergyLeftWarning` if the corrections of a run could not keep up with what its steps lost."""
     parameters = {"p": p} if flow.p.shape[0] else {}
     values = _balance(flow)(t=t, x=x, **parameters)
-    imbalance, scale = float(np.abs(values["left"]).max()), float(np.abs(values["K"]).max())
+    imbalance, scale = max_norm(values["left"]), max_norm(values["K"])
     if not imbalance <= ACCURATE * scale:
         warn_user(
             f"the correction of the energy could not keep up: K + V is off by up to {imbalance:.3g} J of "

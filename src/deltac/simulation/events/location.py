@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ENDLESS, Array
+from deltac.arrays import ENDLESS, Array, max_norm
 
 Look: TypeAlias = Callable[[float], tuple[float, float]]
 """θ in [0, 1] -> the function and its rate by θ there."""
@@ -103,7 +103,7 @@ def _cubic(a: End, b: End) -> np.polynomial.Polynomial:
 
 
 def _real_roots(p: np.polynomial.Polynomial) -> list[float]:
-    scale = float(np.abs(p.coef).max())
+    scale = max_norm(p.coef)
     if scale == 0.0 or not np.isfinite(scale):
         return []
     roots = (p / scale).trim(1e-14).roots()

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, max_norm
 from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError, SolverError
 from deltac.mechanism.laws import is_smooth
@@ -143,7 +143,7 @@ class TaylorSteps(Stepper):
         coefficients = np.abs(np.asarray(method.tc).astype(np.float64))
         method.state[:] = x
         method.time = t
-        size = max(1.0, float(np.abs(x.astype(np.float64)).max()))
+        size = max(1.0, max_norm(x.astype(np.float64)))
         orders = np.arange(1, coefficients.shape[1])
         largest = coefficients[:, 1:].max(axis=0)
         with np.errstate(divide="ignore"):

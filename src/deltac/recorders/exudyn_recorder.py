@@ -141,17 +141,17 @@ class ExudynRecorder(Recorder):
             return {}
         data = self._mbs.systemData
         present = np.array(data.GetODE2Coordinates())
-        found: dict[ChannelName, list[Array]] = {name: [] for name in self._rows_of}
+        forces: dict[ChannelName, list[Array]] = {name: [] for name in self._rows_of}
         try:
             for q, multipliers in self._multipliers:
                 data.SetODE2Coordinates(q)
                 # Its fourth result is the block of C_qᵀ, coordinates by equations.
                 C = self._mbs.ComputeLinearizedSystem(returnConstraintJacobian=True)[3]
                 for name, rows in self._rows_of.items():
-                    found[name].append(-C[np.ix_(self._columns, rows)] @ multipliers[rows])
+                    forces[name].append(-C[np.ix_(self._columns, rows)] @ multipliers[rows])
         finally:
             data.SetODE2Coordinates(present)
-        return {name: np.array(forces) for name, forces in found.items()}
+        return {name: np.array(rows) for name, rows in forces.items()}
 
     def _output(self, name: str) -> Array:
         kind = getattr(self._exudyn.OutputVariableType, name)

@@ -262,7 +262,7 @@ def with_occurrences(
         shaped = {name: value.reshape(len(events), -1) for name, value in values.items()}
         occurrences.append((shaped, logged_forces(flow, shaped, inputs)))
     (before, forces_before), (after, forces_after) = occurrences
-    made = tuple(
+    record = tuple(
         Occurrence(
             t=e.t,
             names=e.names,
@@ -277,4 +277,4 @@ def with_occurrences(
         )
         for k, e in enumerate(events)
     )
-    return replace(run, events=made)
+    return replace(run, events=record)

@@ -338,15 +338,15 @@ class _Rewriter:
             case ast.Name() | ast.Attribute() | ast.Subscript():
                 new = _hook("load", place, self.plain(e))
             case ast.BinOp():
-                left, right = self.expression(e.left), self.expression(e.right)
-                new = _hook("operate", place, type(e.op).__name__, left, right)
+                operands = map(self.expression, (e.left, e.right))
+                new = _hook("operate", place, type(e.op).__name__, *operands)
             case ast.UnaryOp() if not isinstance(e.op, ast.Not):
                 new = _hook("operate", place, type(e.op).__name__, self.expression(e.operand))
             case ast.Compare(
                 ops=[ast.Lt() | ast.LtE() | ast.Gt() | ast.GtE() | ast.Eq() | ast.NotEq()]
             ):
-                left, right = self.expression(e.left), self.expression(e.comparators[0])
-                new = _hook("compare", type(e.ops[0]).__name__, left, right)
+                operands = map(self.expression, (e.left, *e.comparators))
+                new = _hook("compare", type(e.ops[0]).__name__, *operands)
             case ast.Call():
                 new = self.call(e)
             case ast.Dict():

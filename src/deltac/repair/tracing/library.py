@@ -269,11 +269,11 @@ def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
     return objects([Slot(tape, k) for k in wholes[0][: n * n]]).reshape(n, n)
 
 
-def product(left: Any, right: Any) -> Any:
-    """Left @ right, M⁻¹ f as the solution of M x = f."""
-    left, right = arrayed(left), arrayed(right)
-    inverted = inverse_of(left) if isinstance(right, np.ndarray) and right.ndim <= 2 else None
-    return left @ right if inverted is None else solve(inverted, right)
+def product(A: Any, B: Any) -> Any:
+    """A @ B, M⁻¹ f as the solution of M x = f."""
+    A, B = arrayed(A), arrayed(B)
+    inverted = inverse_of(A) if isinstance(B, np.ndarray) and B.ndim <= 2 else None
+    return A @ B if inverted is None else solve(inverted, B)
 
 
 def dot(a: Any, b: Any, **named: Any) -> Any:
@@ -413,7 +413,7 @@ def _array_max(pick: str) -> Callable[..., Any]:
 
 
 METHODS: Mapping[str, Callable[..., Any]] = {
-    "astype": lambda a, *given, **named: a.copy(),
+    "astype": lambda a, *arguments, **named: a.copy(),
     "dot": dot,
     "max": _array_max("maximum"),
     "min": _array_max("minimum"),

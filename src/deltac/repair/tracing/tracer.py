@@ -725,11 +725,11 @@ class _Hooks:
         values = [library.arrayed(x) if isinstance(x, np.ndarray) else x for x in operands]
         return self.noted(place, OPERATORS[op], *values)
 
-    def compare(self, op: str, left: Any, right: Any) -> Any:
+    def compare(self, op: str, a: Any, b: Any) -> Any:
         """A comparison, entry by entry where there are arrays."""
-        if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
-            return library.applied(COMPARISONS[op], left, right)
-        return OPERATORS[op](left, right)
+        if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+            return library.applied(COMPARISONS[op], a, b)
+        return OPERATORS[op](a, b)
 
     def index(self, value: Any) -> Any:
         """An index or a key as Python's own number; one that depends on the state as it is."""

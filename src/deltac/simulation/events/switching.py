@@ -47,21 +47,23 @@ def switched(flow: StateFlow) -> tuple[StateFlow, SX, tuple[str, ...]]:
 
 @dataclass
 class _Sides:
-    """The sides found so far; `known` maps a node to its place and sign."""
+    """Switching functions, and the symbols that stand for their signs, by the hash of their nodes."""
 
     functions: list[SX] = field(default_factory=list)
-    symbols: list[SX] = field(default_factory=list)
-    known: dict[int, SX] = field(default_factory=dict)
+    signs: dict[int, SX] = field(default_factory=dict)
+
+    @property
+    def symbols(self) -> list[SX]:
+        """The symbols, in the order of the functions."""
+        return list(self.signs.values())
 
     def of(self, a: SX) -> SX:
         """The side of an expression: a symbol that stands for its sign."""
         key = a.element_hash()
-        if key not in self.known:
-            symbol = ca.SX.sym(f"side{len(self.symbols)}")
+        if key not in self.signs:
+            self.signs[key] = ca.SX.sym(f"side{len(self.signs)}")
             self.functions.append(a)
-            self.symbols.append(symbol)
-            self.known[key] = symbol
-        return self.known[key]
+        return self.signs[key]
 
 
 _HELD: Mapping[int, Callable[[_Sides, SX, SX], SX]] = {

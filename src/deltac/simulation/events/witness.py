@@ -69,8 +69,8 @@ class Witnesses:
         # ġ of a gap in q̇'s own symbols, so that it can be differentiated once more.
         gaps = own[: len(self.points)]
         q, u = flow.x[flow.parts[0]], flow.x[flow.parts[1]]
-        known = ca.vertcat(flow.xdot[flow.parts[0]], 1)
-        closing = ca.jtimes(gaps, ca.vertcat(q, flow.t), known)
+        qdot = flow.xdot[flow.parts[0]]
+        closing = ca.jtimes(gaps, ca.vertcat(q, flow.t), ca.vertcat(qdot, 1))
         bend = ca.jtimes(
             closing, ca.vertcat(q, u, flow.t), ca.vertcat(xdot[: q.numel() + u.numel()], 1)
         )

@@ -192,10 +192,10 @@ class Collector:
                 self.units[name] = unit
 
     def add_all(
-        self, found: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})
+        self, contents: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})
     ) -> None:
         """What is there by name; a table beside a list of its columns' names has these, see `labelled`."""
-        for name, values in labelled(found).items():
+        for name, values in labelled(contents).items():
             if isinstance(values, Mapping):
                 for part, column in values.items():
                     self.add(f"{name}.{part}", column, units.get(name))

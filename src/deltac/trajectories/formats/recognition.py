@@ -81,12 +81,12 @@ _COMMANDS = frozenset("ctrl control controls action actions act u input inputs c
 
 @dataclass
 class _Search:
-    """What is known of a file's columns while they are recognised: those `found` by target, those `taken`."""
+    """What is known of a file's columns while they are recognised: `meanings` by target, and those `used`."""
 
     raw: RawLog
     names: MechanismNames
-    found: dict[str, Meaning] = field(default_factory=dict)
-    taken: set[str] = field(default_factory=set)
+    meanings: dict[str, Meaning] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
 
     @cached_property
     def named(self) -> Named:
@@ -126,16 +126,16 @@ class _Search:
     @property
     def columns(self) -> dict[str, str]:
         """The columns that are found, by target."""
-        return {one.target: one.column for one in self.found.values()}
+        return {one.target: one.column for one in self.meanings.values()}
 
     def take(self, candidates: Iterator[Meaning]) -> None:
         """Keep what is new of the candidates."""
-        if "time" in self.found and self.raw.columns.keys() <= self.taken:
+        if "time" in self.meanings and self.raw.columns.keys() <= self.used:
             return  # no column is left to be anything
         for one in candidates:
-            if one.target not in self.found and (one.column not in self.taken or not one.column):
-                self.found[one.target] = one
-                self.taken.add(one.column)
+            if one.target not in self.meanings and (one.column not in self.used or not one.column):
+                self.meanings[one.target] = one
+                self.used.add(one.column)
 
     def unit(self, column: str, si: str | None) -> str | None:
         """The unit that the file or the column's name says, if it converts to `si`."""
@@ -197,7 +197,7 @@ def recognise(raw: RawLog, names: MechanismNames) -> dict[str, Meaning]:
     search = _Search(raw, names)
     for rule in _RULES:
         search.take(rule(search))
-    meanings = search.found
+    meanings = search.meanings
     frames = {one.frame for one in meanings.values() if one.target.startswith(("u.", "udot."))}
     rates = search.targets["udot"]
     whole = all(target in meanings for target in rates)
@@ -258,7 +258,7 @@ def _increases(values: FloatArray) -> bool:
 
 def _clock(s: _Search) -> Iterator[Meaning]:
     """The times by which coordinates move as their speeds say, whatever they are called; else a guess."""
-    if "time" in s.found:
+    if "time" in s.meanings:
         return
     columns = s.columns
     fitting = [
@@ -277,8 +277,8 @@ def _clock(s: _Search) -> Iterator[Meaning]:
 
 def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
     """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
-    if "time" in s.found:
-        yield s.found["time"], s.values(s.found["time"].column, "s")
+    if "time" in s.meanings:
+        yield s.meanings["time"], s.values(s.meanings["time"].column, "s")
         return
     lengths = [len(values) for values in s.raw.columns.values()]
     rows = max(set(lengths), key=lengths.count, default=0)
@@ -401,7 +401,9 @@ def _alike(s: _Search) -> Iterator[Meaning]:
         for column, words in parts.items()
     }
     several_found = list(_unique(s, _by_words(plain, s.joints)))
-    columns = {one.target: one.column for one in (*several_found, *s.found.values()) if one.certain}
+    columns = {
+        one.target: one.column for one in (*several_found, *s.meanings.values()) if one.certain
+    }
     t = s.values(columns["time"], "s") if columns.get("time") else None
     sure = t is not None and s.agrees(t, columns)
     for one in several_found:
@@ -443,7 +445,7 @@ def _sole(s: _Search) -> Iterator[Meaning]:
         telling = set(parts)
         if kind == "udot" and all(len(part) == 1 for part in telling):
             continue  # Simscape's letters beside names of joints; alone they are anything
-        if column in s.taken or kind is None or not telling - NEUTRAL - DERIVATIVES.keys():
+        if column in s.used or kind is None or not telling - NEUTRAL - DERIVATIVES.keys():
             continue
         unit_text = _told_unit(s, column)
         turns, slides = (bool(telling & vocabulary) for vocabulary in (TURNS, SLIDES))
@@ -540,7 +542,7 @@ def _is_of(array: str, columns: Sequence[str], kind: str, keys: frozenset[str]) 
 def _commands(s: _Search) -> Iterator[Meaning]:
     """Arrays of commands, as many as the model has motors: their forces, unless the motors have gears."""
     for array, columns in s.arrays.items():
-        free = not s.taken & set(columns)
+        free = not s.used & set(columns)
         if free and key(array) in _COMMANDS and len(columns) == len(s.names.motors):
             for (speed, channel), column in zip(s.names.motors.items(), columns):
                 why = (
@@ -597,7 +599,7 @@ def _floating(s: _Search) -> Iterator[Meaning]:
         columns = [
             c
             for c, x in s.raw.columns.items()
-            if len(x) == len(t) and c not in (s.taken | {clock.column})
+            if len(x) == len(t) and c not in (s.used | {clock.column})
         ]
         rows = slice(0, LONG_LOG)
         table = {c: s.values(c)[rows] for c in columns}
@@ -754,7 +756,7 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     Its order is the one in which coordinates move as their speeds say; the name decides between arrays, and
     where nothing moves.
     """
-    if any(target.startswith(("q.", "u.")) for target in s.found):
+    if any(target.startswith(("q.", "u.")) for target in s.meanings):
         return
     states = [state for name in s.arrays for state in _states(s, name)]
     agreeing = [one for one in states if one.miss is not None and one.miss < ROUGHLY]
@@ -814,15 +816,15 @@ def _moving(s: _Search) -> Iterator[Meaning]:
         (f"q.{coordinates[i]}", f"u.{speeds[j]}")
         for i, j in RateNames.of(coordinates, speeds).rates
     ]
-    missing = [pair for pair in pairs if pair[0] not in s.found and pair[1] not in s.found]
-    time = s.raw.columns.get(s.found["time"].column) if "time" in s.found else None
+    missing = [pair for pair in pairs if pair[0] not in s.meanings and pair[1] not in s.meanings]
+    time = s.raw.columns.get(s.meanings["time"].column) if "time" in s.meanings else None
     if not missing or time is None:
         return
     rows = slice(0, LONG_LOG)
     free = [
         c
         for c, values in s.raw.columns.items()
-        if c not in s.taken and len(values) == len(time) and np.ptp(values[rows]) > 0.0
+        if c not in s.used and len(values) == len(time) and np.ptp(values[rows]) > 0.0
     ][:_MOST_PAIRED]
     values = {c: s.values(c)[rows, None] for c in free}
 

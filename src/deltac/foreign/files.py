@@ -69,6 +69,18 @@ def read_text(path: str | Path, limit: str = "text") -> str:
         raise FileError(f"line {line} is not UTF-8 text") from None
 
 
+def checked_target(path: str | Path) -> Path:
+    """Where a file of that name is written; InputError where its folder is missing, or it is no file."""
+    target = Path(os.path.realpath(path))
+    if not target.parent.is_dir():
+        raise FileError(f"{path}: the folder {target.parent} does not exist; create it first")
+    if target.is_dir():
+        raise FileError(f"{path}: is a folder; expected the name of a file")
+    if target.exists() and not target.is_file():
+        raise FileError(f"{path}: is {_kind(target.stat().st_mode)}; expected the name of a file")
+    return target
+
+
 @contextmanager
 def appearing(
     path: str | Path, mode: int | None = None, replace: bool = True, durable: bool = True
@@ -83,13 +95,7 @@ def appearing(
 
     Raises InputError for a folder that does not exist, OSError when the disk refuses.
     """
-    target = Path(os.path.realpath(path))
-    if not target.parent.is_dir():
-        raise FileError(f"{path}: the folder {target.parent} does not exist; create it first")
-    if target.is_dir():
-        raise FileError(f"{path}: is a folder; expected the name of a file")
-    if target.exists() and not target.is_file():
-        raise FileError(f"{path}: is {_kind(target.stat().st_mode)}; expected the name of a file")
+    target = checked_target(path)
     temporary, file = _unfinished(target.parent, mode)
     try:
         with file:

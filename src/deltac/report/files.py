@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deltac.errors import FileError
-from deltac.foreign.files import appearing
+from deltac.foreign.files import appearing, checked_target
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +27,8 @@ def check_figure(path: Path) -> Path:
         raise FileError(
             f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"
         )
-    return _place(path)
+    checked_target(path)
+    return path
 
 
 def check_page(path: str | PurePath) -> Path:
@@ -41,15 +42,7 @@ def check_page(path: str | PurePath) -> Path:
             f"{path}: a report is a page for the browser; name it {path.with_suffix('.html').name}. A PDF is "
             "printed from there; --figure draws pictures, --json prints the numbers"
         )
-    return _place(path)
-
-
-def _place(path: Path) -> Path:
-    """The path of a file that could be written; InputError where its folder is missing."""
-    if not path.parent.is_dir():
-        raise FileError(f"{path}: the folder {path.parent} does not exist; create it first")
-    if path.is_dir():
-        raise FileError(f"{path}: is a folder; expected the name of a file")
+    checked_target(path)
     return path
 
 

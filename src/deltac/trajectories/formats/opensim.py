@@ -31,14 +31,11 @@ _STATE = {"value": "q", "speed": "u"}
 def read_opensim(path: Path) -> RawLog:
     """The columns of the table, and what the header says of them."""
     content = read_bytes(path)
-    _check_header(content)
+    end = _header_lines(content)
     try:
         lines = content.decode("utf-8-sig").split("\n")
     except UnicodeDecodeError as error:
         raise FileError("the file is not UTF-8 text; expected an OpenSim table") from error
-    end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
-    if end is None:
-        raise FileError("no line 'endheader'; this is not an OpenSim table, or it is truncated")
     header = dict(_entry(line) for line in lines[:end] if "=" in line)
     _check_kind(header)
     first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
@@ -122,12 +119,14 @@ def _motions(parts: dict[str, Path]) -> Sequence[str]:
     return [ending for ending in ("states", "kinematics_q") if ending in parts][:1]
 
 
-def _check_header(content: bytes) -> None:
-    """InputError for a header beyond the limit, before the file is taken apart."""
+def _header_lines(content: bytes) -> int:
+    """How many lines the header has; InputError for one beyond the limit, before all is taken apart."""
     limits = Limits.current()
-    if _END.search(content, 0, limits.header) is None:
+    end = _END.search(content, 0, limits.header)
+    if end is None:
         limits.check("header", len(content), "no line 'endheader' is found: the header is of")
         raise FileError("no line 'endheader'; this is not an OpenSim table, or it is truncated")
+    return content.count(b"\n", 0, end.start())
 
 
 def _entry(line: str) -> tuple[str, str]:

@@ -311,9 +311,9 @@ class _Reader:
                 self.fail(operands[k], f"these cannot be compared ({error})")
         return sympy.And(*parts)
 
-    def operator(self, left: ast.expr) -> int:
+    def operator(self, operand: ast.expr) -> int:
         """Where the operator after an operand stands: past blanks and closing parentheses."""
-        end = self.index(left.end_col_offset or 0)
+        end = self.index(operand.end_col_offset or 0)
         return len(self.text) - len(self.text[end:].lstrip(" )"))
 
 
@@ -329,9 +329,9 @@ def _depths(root: ast.expr) -> Iterator[tuple[ast.expr, int]]:
                 stack.append((child, depth if child is chain else depth + 1))
 
 
-def _same_chain(node: ast.BinOp, left: ast.expr) -> bool:
-    return isinstance(left, ast.BinOp) and any(
-        isinstance(node.op, chain) and isinstance(left.op, chain)
+def _same_chain(node: ast.BinOp, operand: ast.expr) -> bool:
+    return isinstance(operand, ast.BinOp) and any(
+        isinstance(node.op, chain) and isinstance(operand.op, chain)
         for chain in (ast.Add | ast.Sub, ast.Mult | ast.Div)
     )
 

@@ -459,15 +459,11 @@ def _sole(s: _Search) -> Iterator[Meaning]:
         ]
         if len(fitting) != 1 and len(joints) == 1 and unit_text is None and "v" in telling:
             fitting = joints
-        if (
-            places
-            and telling & places
-            and unit_text is None
-            and "rad" in {si_unit(joint.targets["q"], s.names) for joint in fitting}
-        ):
+        of_point = unit_text is None and bool(telling & places)
+        if of_point and "rad" in {si_unit(joint.targets["q"], s.names) for joint in fitting}:
             continue
         sure = len(fitting) == 1
-        if len(joints) == 1 and unit_text is None and not (places and telling & places):
+        if len(joints) == 1 and unit_text is None and not of_point:
             fitting = joints  # a pendulum's x may be its angle, or how far its bob is
         if len(fitting) == 1:
             what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"

@@ -8,7 +8,7 @@ import math
 import reprlib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -160,6 +160,18 @@ def closest(name: str, options: Iterable[str]) -> str:
     if match:
         return f"; did you mean {match[0]!r}?"
     return f"; known: {listed(candidates)}" if candidates else "; none are defined"
+
+
+def check_names(names: Iterable[str], options: Collection[str], problem: str) -> None:
+    """UnknownName for the first name that is none of the options.
+
+    >>> check_names(["elbwo"], ["elbow", "wrist"], "unknown joint")
+    Traceback (most recent call last):
+    deltac.errors.UnknownName: unknown joint 'elbwo'; did you mean 'elbow'?
+    """
+    for name in names:
+        if name not in options:
+            raise UnknownName(f"{problem} {shown(name)}{closest(str(name), options)}")
 
 
 def listed(names: Iterable[str]) -> str:

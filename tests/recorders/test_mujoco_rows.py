@@ -237,7 +237,7 @@ def test_files_and_specs(tmp_path: Any) -> None:
         ({"duration": float("nan")}, "duration is nan"),
         ({"duration": 0.1, "step": 0.0}, "step is 0.0"),
         ({"duration": 0.1, "integrator": "eular"}, "did you mean 'euler'"),
-        ({"duration": 0.1, "channels": "some"}, "unknown channels='some'"),
+        ({"duration": 0.1, "channels": "some"}, "unknown channels 'some'"),
     ],
 )
 def test_bad_arguments(options: dict[str, Any], words: str) -> None:

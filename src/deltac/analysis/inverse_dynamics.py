@@ -12,7 +12,7 @@ from deltac.analysis.model import instants
 from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, closest
+from deltac.errors import ArgumentsError, LogError, ModelError, check_names
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
@@ -137,11 +137,7 @@ def _channels(mechanism: Mechanism, drives: Sequence[str] | None) -> dict[Channe
         drives = drives or list(movable)
     elif isinstance(drives, str):
         drives = [drives]
-    for name in drives:
-        if name not in movable:
-            raise UnknownName(
-                f"drives: no joint that moves is called {name!r}{closest(name, movable)}"
-            )
+    check_names(drives, movable, "drives: no joint that moves is called")
     if not drives:
         raise ArgumentsError("drives: no joint is named; leave it out to have all that are driven")
     named = {}

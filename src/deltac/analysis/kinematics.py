@@ -15,7 +15,7 @@ from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX
-from deltac.errors import UnknownName, closest
+from deltac.errors import check_names
 from deltac.mechanism.constraints import Rolling
 from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.quantities import vector
@@ -55,11 +55,7 @@ class Kinematics:
     def contact_point(self, constraint: str) -> Array:
         """Where a wheel, disc or sphere that rolls (`rolling`) touches its plane, m."""
         rolling = {c.name: c for c in self.instants.mechanism.constraints if isinstance(c, Rolling)}
-        if constraint not in rolling:
-            raise UnknownName(
-                f"contact_point: no rolling constraint is called {constraint!r}"
-                f"{closest(constraint, rolling)}"
-            )
+        check_names([constraint], rolling, "contact_point: no rolling constraint is called")
         return self._of(("contact", constraint), rolling[constraint].contact_point)
 
     def _point(self, point: VectorLike) -> tuple[str, ...]:

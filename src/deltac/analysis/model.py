@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import ArgumentsError, InputError, StateError, UnknownName, closest
+from deltac.errors import ArgumentsError, InputError, StateError, check_names
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
@@ -63,11 +63,7 @@ def instants(
 def _motor_values(mechanism: Mechanism, inputs: Mapping[str, Any]) -> Array:
     """Values of all motors without a law (inputs,), zero by default."""
     names = [motor.name for motor in mechanism.motors]
-    for name in inputs:
-        if name not in names:
-            raise UnknownName(
-                f"inputs: no joint torque without a law is called {name!r}{closest(name, names)}"
-            )
+    check_names(inputs, names, "inputs: no joint torque without a law is called")
     values: list[Array] = [np.zeros(0)]
     for motor in mechanism.motors:
         size = len(mechanism.joint(motor.joint).speeds)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import ModelError, check_names
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.polynomials import HIGHEST, Polynomial
 
@@ -86,8 +86,7 @@ def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
     if isinstance(law, int | float):
         return _constant(law)
     if isinstance(law, Polynomial):
-        for name in sorted(law.names - values.keys()):
-            raise UnknownName(f"a law depends on {name!r}{closest(name, values)}")
+        check_names(sorted(law.names), values, "a law depends on")
         return ca.SX(law.at(values))
     printed: dict[Expr, SX] = {}
     # Parts before the whole, on a stack of our own: laws may be nested deeply.
@@ -118,8 +117,7 @@ def _is_number(node: Expr) -> bool:
 def _print(node: Expr, printed: Mapping[Expr, SX], values: Mapping[str, SX]) -> SX:
     """One node, its parts being printed already."""
     if node.is_Symbol:
-        if node.name not in values:
-            raise UnknownName(f"a law depends on {node.name!r}{closest(node.name, values)}")
+        check_names([node.name], values, "a law depends on")
         return values[node.name]
     if _is_number(node):
         return _constant(node)

@@ -14,7 +14,7 @@ from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
-from deltac.errors import UnknownName, closest
+from deltac.errors import check_names
 from deltac.mechanism.joints import JOINT_KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
@@ -150,11 +150,7 @@ def trace(mechanism: Mechanism, vary: Sequence[str] = ()) -> System:
 
     Raises InputError for an unknown parameter.
     """
-    for name in vary:
-        if name not in mechanism.parameters:
-            raise UnknownName(
-                f"vary: unknown parameter {name!r}{closest(name, mechanism.parameters)}"
-            )
+    check_names(vary, mechanism.parameters, "vary: unknown parameter")
     names = tuple(vary)
     key = (mechanism.digest(names), mechanism.name, names)
     return _SYSTEMS.get(key, lambda: _written_out(mechanism, names))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltac.dynamics.terms import Energies, Terms
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import ModelError, check_names
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,7 @@ def testing_functions(
     """
     if isinstance(names, str):
         names = (names,)
-    for name in names:
-        if name != MOMENTUM and name not in TESTING_FUNCTIONS:
-            available = (*TESTING_FUNCTIONS, MOMENTUM)
-            raise UnknownName(f"unknown testing function {name!r}{closest(name, available)}")
+    check_names(names, (*TESTING_FUNCTIONS, MOMENTUM), "unknown testing function")
     if constrained and "kane-levinson-1988" in names:
         raise ModelError(
             "'kane-levinson-1988' differentiates the kinetic energy at fixed independent speeds, and the "

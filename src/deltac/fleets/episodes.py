@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import FileError, InputError, LogError, PackageError, UnknownName, closest
+from deltac.errors import FileError, InputError, LogError, PackageError, check_names
 from deltac.mechanism import Mechanism
 from deltac.models import Model
 from deltac.trajectories import (
@@ -155,8 +155,7 @@ def read_episode(
             f"{source}: it has no episodes; expected a column 'episode' or 'episode_index', groups "
             "data/demo_0 or episode_0 of HDF5, or arrays (T, N, n) of N episodes"
         )
-    if name not in names:
-        raise UnknownName(f"{source}: there is no episode {name!r}{closest(name, names)}")
+    check_names([name], names, f"{source}: there is no episode")
     (run,) = read_episodes(source, [name], as_mapping(mapping), model.mechanism)
     if isinstance(run, InputError):
         raise run

@@ -19,7 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NoReturn
 
-from deltac.errors import FileError, InputError, LimitError, LogError, UnknownName, closest, shown
+from deltac.errors import FileError, InputError, LimitError, LogError, check_names, shown
 
 try:
     import resource
@@ -124,10 +124,7 @@ def _of_environment(text: str) -> Limits:
     limits: dict[str, float] = {}
     for entry in text.replace(",", " ").split():
         name, _, value = entry.partition("=")
-        if name not in names:
-            raise UnknownName(
-                f"{LIMITS_VARIABLE}: unknown limit {shown(name)}{closest(name, names)}"
-            )
+        check_names([name], names, f"{LIMITS_VARIABLE}: unknown limit")
         try:
             limits[name] = int(float(value))
         except (ValueError, OverflowError):

@@ -32,7 +32,7 @@ from deltac.constraints import (
     loop_universal,
     loop_weld,
 )
-from deltac.errors import ModelError, UnknownName, closest, shown
+from deltac.errors import ModelError, check_names, closest, shown
 from deltac.importers.report import Findings, ImportReport
 from deltac.importers.urdf import MOMENTS, inertia_tensor, xml_root
 from deltac.joints import Joint
@@ -68,9 +68,10 @@ def read_sdf(path: Path, model: str | None = None) -> tuple[Mechanism, ImportRep
             f"model file {path.name!r}: it holds {len(models)} models; say which: "
             f"{', '.join(f'{path.name}:{name}' for name in by_name)}"
         )
-    if model is not None and model not in by_name:
-        raise UnknownName(f"model file {path.name!r}: no model {model!r}{closest(model, by_name)}")
-    chosen = models[0] if model is None else by_name[model]
+    if model is None:
+        model = next(iter(by_name))
+    check_names([model], by_name, f"model file {path.name!r}: no model")
+    chosen = by_name[model]
     return _SdfReader(path.name, chosen, root.find("world")).read()
 
 

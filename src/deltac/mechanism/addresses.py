@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from deltac.errors import UnknownName, closest
+from deltac.errors import check_names
 from deltac.mechanism.polynomials import Polynomial
 
 NUMBERED_PARTS = {
@@ -65,9 +65,8 @@ def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
     available, places = numbers(mechanism), _places(mechanism)
     groups = {group: list(getattr(mechanism, group)) for group in NUMBERED_PARTS}
     gravity = list(mechanism.gravity)
+    check_names(addresses, available, f"{where}unknown parameter")
     for name in addresses:
-        if name not in available:
-            raise UnknownName(f"{where}unknown parameter {name!r}{closest(name, available)}")
         symbol = Polynomial.symbol(name)
         for place in places.get(name, ()):
             part = groups[place.group][place.part]

@@ -15,7 +15,7 @@ from typing import Any
 from deltac.arrays import ROUNDED
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
-from deltac.errors import InputError, ModelError, UnknownName, closest, shown
+from deltac.errors import InputError, ModelError, check_names, shown
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import LawLike, as_law, as_text, check_symbols
 from deltac.mechanism.laws import q as symbol
@@ -164,11 +164,7 @@ def _cover(
     *,
     partly: bool = False,
 ) -> None:
-    for name in laws:
-        if name not in expected:
-            raise UnknownName(
-                f"{what} of the coordinate map: unknown {noun} {name!r}{closest(name, expected)}"
-            )
+    check_names(laws, expected, f"{what} of the coordinate map: unknown {noun}")
     missing = [name for name in expected if name not in laws]
     if missing and not partly:
         raise ModelError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypeAlias
 
-from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
+from deltac.errors import ModelError, WrongType, check_names, shown
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import LawLike, LawsLike, VectorLike, as_law, symbol_names
 from deltac.mechanism.parts import (
@@ -361,9 +361,7 @@ class Tendon(Element):
             )
 
     def _check_coordinate(self, scope: Scope, name: str) -> None:
-        names = scope.coordinates.names
-        if name not in names:
-            raise UnknownName(f"{self.where}: unknown coordinate {name!r}{closest(name, names)}")
+        check_names([name], scope.coordinates.names, f"{self.where}: unknown coordinate")
         if not scope.rate_is_speed(name):
             raise ModelError(
                 f"{self.where}: the rate of {name!r} is no speed of joint "

@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
-from deltac.errors import ModelError, UnknownName, WrongType, closest, number_or_nan, shown
+from deltac.errors import (
+    ModelError,
+    UnknownName,
+    WrongType,
+    check_names,
+    closest,
+    number_or_nan,
+    shown,
+)
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -350,11 +358,8 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
     names = [body.name for body in bodies]
     carrier: dict[str, Joint] = {}
     for joint in joints:
-        for end in (joint.parent, joint.child):
-            if end != GROUND and end not in names:
-                raise UnknownName(
-                    f"joint {joint.name!r}: unknown body {end!r}{closest(end, [*names, GROUND])}"
-                )
+        ends = joint.parent, joint.child
+        check_names(ends, [*names, GROUND], f"joint {joint.name!r}: unknown body")
         if joint.child in carrier:
             raise ModelError(
                 f"body {joint.child!r} is the child of two joints, "

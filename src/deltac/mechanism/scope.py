@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
+from deltac.errors import ModelError, WrongType, check_names, shown
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.laws import check_symbols, evaluate, symbol_names
 from deltac.mechanism.quantities import Quantity, require_positive
@@ -78,14 +78,12 @@ class Scope:
         """There is such a body; the ground counts if it may."""
         require_name(name, "body", where)
         names = (GROUND, *self.bodies) if ground else self.bodies
-        if name not in names:
-            raise UnknownName(f"{where}: unknown body {name!r}{closest(name, names)}")
+        check_names([name], names, f"{where}: unknown body")
 
     def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
         """There is such a joint and it moves: its coordinates and speeds."""
         require_name(name, "joint", where)
-        if name not in self.joints:
-            raise UnknownName(f"{where}: unknown joint {name!r}{closest(name, self.joints)}")
+        check_names([name], self.joints, f"{where}: unknown joint")
         speeds = self.speeds[self.speeds.of(name)]
         if not speeds:
             raise ModelError(f"{where}: joint {name!r} is fixed, so no force of a joint acts there")

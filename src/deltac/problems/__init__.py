@@ -10,7 +10,7 @@ from collections.abc import Callable
 from importlib import import_module
 from inspect import signature
 
-from deltac.errors import UnknownName, closest
+from deltac.errors import check_names
 from deltac.problems.problem import Problem, Reference
 
 __all__ = ["Problem", "Reference", "load", "names"]
@@ -62,13 +62,7 @@ def load(name: str, **options: object) -> Problem:
 
     Raises InputError for an unknown name or option.
     """
-    if name not in names():
-        raise UnknownName(f"unknown problem {name!r}{closest(name, names())}")
+    check_names([name], names(), "unknown problem")
     make: Callable[..., Problem] = import_module(f"{__name__}.{name.replace('-', '_')}").problem
-    parameters = list(signature(make).parameters)
-    for option in options:
-        if option not in parameters:
-            raise UnknownName(
-                f"problem {name!r} has no option {option!r}{closest(option, parameters)}"
-            )
+    check_names(options, signature(make).parameters, f"problem {name!r} has no option")
     return make(**options)

@@ -20,15 +20,7 @@ import numpy as np
 from deltac.arrays import ENDLESS, EPS, SAME, SOLVED, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
-from deltac.errors import (
-    InputError,
-    ModelError,
-    RecordingError,
-    StateError,
-    UnknownName,
-    WrongType,
-    closest,
-)
+from deltac.errors import InputError, ModelError, RecordingError, StateError, WrongType, check_names
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism import State
@@ -148,8 +140,7 @@ class MujocoRecorder(Recorder):
 
     def __init__(self, model: Model, data: Data, channels: str = "all") -> None:
         mujoco = simulator("mujoco", "mujoco")
-        if channels not in CHANNELS:
-            raise UnknownName(f"unknown channels={channels!r}{closest(str(channels), CHANNELS)}")
+        check_names([channels], CHANNELS, "unknown channels")
         if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
             raise ModelError(
                 "the model lets bodies fall asleep, and what MuJoCo holds of those is old: switch it off "
@@ -486,8 +477,7 @@ def as_run(model: Model, step: float | None = None, integrator: str | None = Non
 
 def _integrator(name: str) -> mjtIntegrator:
     integrators = integrator_names()
-    if name not in integrators:
-        raise UnknownName(f"unknown integrator {name!r}{closest(str(name), integrators)}")
+    check_names([name], integrators, "unknown integrator")
     return integrators[name]
 
 

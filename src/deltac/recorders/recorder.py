@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import PHYSICAL, SAME, Array, max_norm
 from deltac.calls.arguments import checked
-from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
+from deltac.errors import InputError, LogError, PackageError, RecordingError, check_names
 from deltac.mechanism import JOINT_KINDS, PASSIVE, ChannelName
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Provenance, Trajectory
@@ -309,12 +309,7 @@ class Columns:
         Raises InputError where the two have other joints, naming both.
         """
         names = names or {}
-        for name in names:
-            if name not in {joint.name for joint in joints}:
-                raise UnknownName(
-                    f"names: the simulator has no joint {name!r}"
-                    f"{closest(name, [joint.name for joint in joints])}"
-                )
+        check_names(names, [joint.name for joint in joints], "names: the simulator has no joint")
         renamed = {
             names.get(j.name, j.name): JointColumns(names.get(j.name, j.name), j.kind, j.q, j.v)
             for j in joints

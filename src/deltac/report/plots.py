@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, TINY, Array, max_norm
-from deltac.errors import InputError, UnknownName, WrongType, closest
+from deltac.errors import InputError, WrongType, check_names
 from deltac.report.panels import (
     MOST_DRAWN,
     Bars,
@@ -91,12 +91,7 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
             "explain() tells it in words"
         )
     parameters = list(inspect.signature(draw).parameters)[1:]
-    for option in options:
-        if option not in parameters:
-            raise UnknownName(
-                f"plot of {type(result).__name__}: there is no option {option!r}"
-                f"{closest(option, parameters)}"
-            )
+    check_names(options, parameters, f"plot of {type(result).__name__}: there is no option")
     with styled():
         drawn = draw(result, **options)
     if title is not None:
@@ -111,11 +106,7 @@ def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Fi
     """Coordinates and speeds over time; `names` chooses among both, else those that move most."""
     chosen = [names] if isinstance(names, str) else names
     names_of_run = (*run.coordinates, *run.speeds)
-    for name in chosen or ():
-        if name not in names_of_run:
-            raise UnknownName(
-                f"plot: no coordinate or speed is called {name!r}{closest(name, names_of_run)}"
-            )
+    check_names(chosen or (), names_of_run, "plot: no coordinate or speed is called")
 
     def columns(entries: Sequence[str], values: Array) -> list[tuple[str, Array]]:
         return [(n, values[:, k]) for k, n in enumerate(entries) if chosen is None or n in chosen]

@@ -19,16 +19,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
-from deltac.errors import (
-    InputError,
-    SourceError,
-    StateError,
-    UnknownName,
-    WrongType,
-    closest,
-    listed,
-    shown,
-)
+from deltac.errors import InputError, SourceError, StateError, WrongType, check_names, listed, shown
 from deltac.mechanism.coordinate_map import CoordinateMap, check_coordinates, own_coordinates
 from deltac.simulation.state_form import (
     PLAIN_FORM,
@@ -296,11 +287,7 @@ def motor_values(controller: Controller, system: System, t: float, q: Array, u: 
             f"the controller returned {type(answer).__name__}, expected a mapping of the names of "
             f"joint torques to values: {', '.join(places)}"
         )
-    for name in answer:
-        if name not in places:
-            raise UnknownName(
-                f"the controller sets an unknown joint torque {name!r}{closest(name, places)}"
-            )
+    check_names(answer, places, "the controller sets an unknown joint torque")
     values = np.empty(system.inputs.shape[0])
     for name, place in places.items():
         if name not in answer:

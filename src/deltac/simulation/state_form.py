@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.errors import InputError, SourceError, UnknownName, closest, listed
+from deltac.errors import InputError, SourceError, check_names, listed
 
 ARGUMENT_TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
 """Names of an argument that is the time."""
@@ -215,11 +215,8 @@ def declared_order(
     places |= {name: k for k, name in enumerate(coordinates)}
     places |= {f"q.{name}": k for k, name in enumerate(coordinates)}
     places |= {f"u.{name}": k for k, name in enumerate(speeds, nq)}
-    order_places = []
-    for name in order:
-        if name not in places:
-            raise UnknownName(f"order: unknown entry {name!r}{closest(str(name), names)}")
-        order_places.append(places[name])
+    check_names(order, places, "order: unknown entry")
+    order_places = [places[name] for name in order]
     if sorted(order_places) != list(range(nq + nu)):
         twice = next((names[k] for k in order_places if order_places.count(k) > 1), None)
         missing = [names[k] for k in range(nq + nu) if k not in order_places]

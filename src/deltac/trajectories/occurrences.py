@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import LogError, UnknownName, closest, listed, shown
+from deltac.errors import LogError, check_names, listed, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -125,11 +125,7 @@ class Occurrence:
             raise LogError(
                 f"metadata: an event is {shown(values)}, expected a mapping of its entries"
             )
-        for name in values:
-            if name not in keys:
-                raise UnknownName(
-                    f"metadata: unknown entry {shown(name)} of an event{closest(name, keys)}"
-                )
+        check_names(values, keys, "metadata: an event has an unknown entry")
         for name in keys:
             if name not in values:
                 raise LogError(f"metadata: an event has no entry {name!r}")

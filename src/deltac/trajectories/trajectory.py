@@ -19,7 +19,7 @@ from deltac.arrays import Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.calls.services import service
-from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
+from deltac.errors import InputError, LogError, StateError, WrongType, check_names, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.laws import VectorLike
@@ -640,8 +640,7 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def _pick(values: FloatArray, what: str, name: str, names: Sequence[str]) -> FloatArray:
-    if name not in names:
-        raise UnknownName(f"unknown {what} {name!r}{closest(name, names)}")
+    check_names([name], names, f"unknown {what}")
     column: FloatArray = values[:, names.index(name)]
     return column
 

@@ -12,7 +12,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import FileError, SourceError, UnknownName, closest
+from deltac.errors import FileError, SourceError, check_names
 from deltac.repair.tracing.modules import UserModule, bound, parsed
 from deltac.simulation import Equations, Order, RightHandSide, StateForm
 
@@ -162,8 +162,8 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
         isinstance(s, ast.ImportFrom) and any(a.name == "*" for a in s.names)
         for s in source.module.body
     )
-    if first not in names and not stars:
-        raise UnknownName(f"{file}: no function {first!r}{closest(first, sorted(names))}")
+    if not stars:
+        check_names([first], sorted(names), f"{file}: no function")
     return source
 
 

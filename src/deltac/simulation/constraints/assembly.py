@@ -14,7 +14,7 @@ from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.singular_inertia import without_inertia
-from deltac.errors import InputError, StateError, UnknownName, closest
+from deltac.errors import InputError, StateError, check_names
 from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -43,11 +43,7 @@ class Assembly:
 def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -> Assembly:
     """Find a state near a guess that satisfies every constraint: the core of `deltac.assemble`."""
     q_free, u_free = mechanism.coordinates.free_names, mechanism.speeds.free_names
-    for name in pinned:
-        if name not in q_free and name not in u_free:
-            raise UnknownName(
-                f"pinned: unknown coordinate {name!r}{closest(name, [*q_free, *u_free])}"
-            )
+    check_names(pinned, [*q_free, *u_free], "pinned: unknown coordinate")
     equations = equations_of_motion(mechanism)
     rows = equations.rows
     t, q, u = guess.t, guess.q[mechanism.free.q].copy(), guess.u[mechanism.free.u].copy()

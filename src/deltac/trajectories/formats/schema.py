@@ -23,7 +23,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from deltac.errors import FileError, InputError, LogError, UnknownName, closest, listed, shown
+from deltac.errors import (
+    FileError,
+    InputError,
+    LogError,
+    UnknownName,
+    check_names,
+    closest,
+    listed,
+    shown,
+)
 from deltac.mechanism.channels import ChannelName
 from deltac.results import plain
 from deltac.trajectories.occurrences import Occurrence
@@ -325,10 +334,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _ColumnLayout:
 
 def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
     entries = _entry(metadata, "provenance", dict)
-    field_names = [f.name for f in fields(Provenance)]
-    for name in entries:
-        if name not in field_names:
-            raise UnknownName(f"metadata: unknown provenance {name!r}{closest(name, field_names)}")
+    check_names(entries, [f.name for f in fields(Provenance)], "metadata: unknown provenance")
     return Provenance(**{"simulator": "unknown", **entries})
 
 
@@ -358,8 +364,7 @@ _ALWAYS = (
 
 
 def _entry(metadata: Mapping[str, Any], key: str, kind: type) -> Any:
-    if key not in metadata:
-        raise UnknownName(f"metadata: no entry {key!r}{closest(key, metadata)}")
+    check_names([key], metadata, "metadata: no entry")
     value = metadata[key]
     if type(value) is not kind:  # bool is no int here
         raise LogError(f"metadata: {key} is {shown(value)}, expected {kind.__name__}")

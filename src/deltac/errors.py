@@ -8,7 +8,7 @@ import math
 import reprlib
 import sys
 import warnings
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar
@@ -101,6 +101,15 @@ class SolverError(InputError):
     """A solver that does not support what is asked of it, or a step that it cannot take."""
 
     _code = "E-SOLVER"
+
+
+@contextlib.contextmanager
+def requirement(remedy: str) -> Iterator[None]:
+    """PackageError that begins with the remedy where an import within fails."""
+    try:
+        yield
+    except ImportError as error:
+        raise PackageError(f"{remedy} ({error})") from error
 
 
 class SourceError(InputError):

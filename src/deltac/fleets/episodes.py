@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from deltac.errors import FileError, InputError, LogError, PackageError, check_names
+from deltac.errors import FileError, InputError, LogError, PackageError, check_names, requirement
 from deltac.mechanism import Mechanism
 from deltac.models import Model
 from deltac.trajectories import (
@@ -42,10 +42,8 @@ def file_system(url: str) -> tuple[Any, str]:
 
     Raises PackageError without fsspec, or the package of that store; InputError for a URL of no store.
     """
-    try:
+    with requirement(f"{url}: URLs need fsspec: pip install 'deltac[remote]'"):
         import fsspec
-    except ImportError:
-        raise PackageError(f"{url}: URLs need fsspec: pip install 'deltac[remote]'") from None
     try:
         system, path = fsspec.core.url_to_fs(url)
     except ImportError as error:

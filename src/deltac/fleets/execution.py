@@ -16,7 +16,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltac.errors import PackageError, ProcessLost
+from deltac.errors import ProcessLost, requirement
 from deltac.fleets.rows import Piece
 from deltac.foreign.isolation import Failure, Workers, isolated
 from deltac.kernels import cores
@@ -80,12 +80,10 @@ def dask_crew(address: str) -> Iterator[Crew]:
 
     Raises PackageError without dask.distributed, InputError where no scheduler answers.
     """
-    try:
+    with requirement(
+        "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
+    ):
         from distributed import Client
-    except ImportError:
-        raise PackageError(
-            "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
-        ) from None
     # Its messages about lost connections are replaced by one of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:

@@ -16,7 +16,7 @@ import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.constraints import holonomic, loop_spherical, loop_weld
-from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
+from deltac.errors import FileError, InputError, ModelError, WrongType, requirement, shown
 from deltac.foreign.files import read_bytes
 from deltac.foreign.isolation import INSIDE, more_memory
 from deltac.foreign.limits import Limits, free_memory
@@ -54,12 +54,8 @@ if TYPE_CHECKING:
 
 def require_mujoco() -> Any:
     """The module mujoco; InputError with the remedy where it is not installed."""
-    try:
+    with requirement('reading MJCF and URDF needs MuJoCo: pip install "deltac[mujoco]"'):
         import mujoco
-    except ImportError:
-        raise PackageError(
-            'reading MJCF and URDF needs MuJoCo; install it with: pip install "deltac[mujoco]"'
-        ) from None
     return mujoco
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from deltac.arrays import PHYSICAL, SAME, Array, max_norm
 from deltac.calls.arguments import checked
-from deltac.errors import InputError, LogError, PackageError, RecordingError, check_names
+from deltac.errors import InputError, LogError, RecordingError, check_names, requirement
 from deltac.mechanism import JOINT_KINDS, PASSIVE, ChannelName
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Provenance, Trajectory
@@ -36,13 +36,10 @@ INSTANT = "state, accelerations and forces of the same instant"
 
 def simulator(module: str, extra: str) -> Any:
     """Import a simulator's module; InputError with the remedy where it is missing."""
-    try:
+    with requirement(
+        f'recording {extra} runs needs the Python module {module!r}: pip install "deltac[{extra}]"'
+    ):
         return import_module(module)
-    except ImportError as error:
-        raise PackageError(
-            f"recording {extra} runs needs the Python module {module!r}, which is not installed "
-            f'({error}); run: pip install "deltac[{extra}]"'
-        ) from None
 
 
 def sized(what: str, values: Any, size: int, entries: str = "") -> Array:

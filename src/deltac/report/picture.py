@@ -5,16 +5,14 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from deltac.errors import PackageError
+from deltac.errors import requirement
 from deltac.report.style import WIDTH, entitle, styled
 
-try:
+with requirement(
+    "figures need matplotlib: pip install 'deltac[figures]'; pages (report=, --report) do without"
+):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-except ImportError:
-    raise PackageError(
-        "figures need matplotlib: pip install 'deltac[figures]'; pages (report=, --report) do without"
-    ) from None
 
 
 class Picture(Figure):

@@ -20,7 +20,7 @@ import numpy as np
 
 from deltac.arrays import NEWTON_STEPS, Array
 from deltac.calls.arguments import checked
-from deltac.errors import FileError, InputError, PackageError, SourceError
+from deltac.errors import FileError, InputError, SourceError, requirement
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.files import naming
 
@@ -39,7 +39,8 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[flo
             speeds; FMPy is not installed.
     """
     file = Path(path)
-    fmpy = _fmpy()
+    with requirement("FMUs are read with FMPy: pip install 'deltac[fmi]'"):
+        import fmpy
     if not os.path.isfile(file):
         raise FileError(f"{path}: no such file")
     try:
@@ -72,14 +73,6 @@ def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[flo
 
     rates.__name__ = file.name
     return rates
-
-
-def _fmpy() -> Any:
-    try:
-        import fmpy
-    except ImportError as error:
-        raise PackageError("FMUs are read with FMPy: pip install 'deltac[fmi]'") from error
-    return fmpy
 
 
 def _unit(

@@ -12,7 +12,7 @@ import numpy as np
 
 from deltac.arrays import Array, max_norm
 from deltac.calls.interrupts import waiting
-from deltac.errors import PackageError, SolverError
+from deltac.errors import SolverError, requirement
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import StateFlow
 from deltac.simulation.stepping.protocol import CHUNK, FinishedStates, Step, StepGrid, Stepper
@@ -52,13 +52,11 @@ class TaylorSteps(Stepper):
 
         Raises InputError where heyoka is not installed.
         """
-        try:
+        with requirement(
+            "solver 'taylor' needs heyoka, which is not installed: pip install 'deltac[taylor]' (Linux), "
+            "or use 'DOP853' with tolerance=1e-13"
+        ):
             import heyoka as hy
-        except ImportError:
-            raise PackageError(
-                "solver 'taylor' needs heyoka, which is not installed: pip install 'deltac[taylor]' (Linux), "
-                "or use 'DOP853' with tolerance=1e-13"
-            ) from None
         self._flow, self._tolerance = flow, tolerance
         self._real: Any = hy.real128 if quad else float
         self._quaternions = flow.quaternions

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from deltac.errors import LogError, PackageError, shown
+from deltac.errors import LogError, requirement, shown
 from deltac.foreign.files import opened
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
@@ -202,12 +202,10 @@ class Opened:
 
 def import_h5py() -> Any:
     """h5py, or an InputError that says how to get it."""
-    try:
+    with requirement(
+        'HDF5 and MATLAB 7.3 files need h5py: pip install "deltac[hdf5]" (or use Parquet)'
+    ):
         import h5py
-    except ImportError as error:
-        raise PackageError(
-            'HDF5 and MATLAB 7.3 files need h5py: pip install "deltac[hdf5]" (or use Parquet)'
-        ) from error
     return h5py
 
 

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.arrays import ROUGHLY
-from deltac.errors import FileError, LogError, PackageError
+from deltac.errors import FileError, LogError, requirement
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import WIDEST, Budget, Collector, RawLog, damage_named
@@ -95,11 +95,9 @@ def _size(path: Path) -> int:
 
 
 def _of_mcap(path: Path) -> Iterator[Message]:
-    try:
+    with requirement(_PACKAGES):
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise _needs_package(error) from None
     decoders = DecoderFactory()
 
     def decoded(channel: Any, schema: Any, data: bytes) -> Any:
@@ -119,11 +117,9 @@ def _of_mcap(path: Path) -> Iterator[Message]:
 
 
 def _of_rosbags(path: Path) -> Iterator[Message]:
-    try:
+    with requirement(_PACKAGES):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise _needs_package(error) from None
     store = get_typestore(Stores.ROS2_HUMBLE)  # for bags that hold no definitions
     with AnyReader([path], default_typestore=store) as reader:
         for connection, time, data in reader.messages():
@@ -133,10 +129,7 @@ def _of_rosbags(path: Path) -> Iterator[Message]:
             yield connection.topic, kind, time, decode
 
 
-def _needs_package(error: ImportError) -> PackageError:
-    return PackageError(
-        f'bags of ROS need further packages ({error}); run: pip install "deltac[ros]"'
-    )
+_PACKAGES = 'bags of ROS need further packages: pip install "deltac[ros]"'
 
 
 def _log(messages: Iterator[Message], size: int) -> RawLog:

@@ -38,19 +38,12 @@ STEPS_OF_A_RUN = 10**15
 
 def check_request(
     mechanism: Mechanism,
-    state: State,
     solver: Solver,
     equations: Equations | None,
     controller: Controller | None,
     step: float | None,
 ) -> None:
     """InputError for arguments that do not go together, or not with the mechanism."""
-    if state.q.shape != (len(mechanism.coordinates),) or state.u.shape != (len(mechanism.speeds),):
-        raise StateError(
-            f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
-            f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
-            "Make it by mechanism.state(...)"
-        )
     if step is not None:
         positive(step, "step")
     if solver.takes_steps and step is None:
@@ -187,10 +180,6 @@ def check_accelerations(
 
     What was found of the last few starts is kept with the flow: many runs begin at one state.
     """
-    if not (np.isfinite(state.q).all() and np.isfinite(state.u).all()):
-        raise StateError(
-            "the state is not finite; make it by mechanism.state(...), which says where"
-        )
     if not np.isfinite(x0).all():
         raise StateError("the coordinate map has no finite own coordinates for the initial state")
 

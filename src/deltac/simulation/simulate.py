@@ -93,7 +93,7 @@ def simulate(
     equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
     every = 1 if recording.every is None else count(recording.every, "record: every")
-    check_request(mechanism, state, scheme, equations, controller, step)
+    check_request(mechanism, scheme, equations, controller, step)
     watching = check_events(mechanism, equations, options.switches)
     check_correction(policy, scheme, watching=watching)
     steps = whole_steps(duration, step, every) if scheme.takes_steps else 0

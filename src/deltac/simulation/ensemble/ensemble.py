@@ -169,7 +169,7 @@ def simulate_ensemble(
         (distinct[one], size) for one, size in dict.fromkeys(zip(map(id, solvers), h.tolist()))
     ]
     for one, size in kinds:
-        check_request(mechanism, first, one, None, None, size)
+        check_request(mechanism, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])

@@ -107,7 +107,7 @@ def trace_map(
         return ca.substitute(to_casadi(given_law, values), chosen, in_state)
 
     q = ca.vertcat(*(law(q_laws[n]) for n in q_names)) if mapped else own_q
-    W = _rates_matrix(system, q)
+    W = ca.substitute(system.W, system.q, q)
     Jq, q_t = ca.jacobian(q, own_q), ca.jacobian(q, system.t)
     G, psi = (ca.substitute(x, system.q, q) for x in (rows.G, rows.at_rest(system.u)))
     removal: Callable[[SX], SX] | None = None
@@ -137,7 +137,7 @@ def trace_map(
         places = list(range(len(u_names)))
         speeds = u
     else:
-        if not _all_rates(system):
+        if len(system.free_q) != len(system.free_u):
             raise ModelError(
                 "the coordinate map has no u=, but the speeds of spherical and free joints are not the "
                 "rates of their coordinates; give u= with each of the mechanism's speeds"
@@ -316,16 +316,6 @@ def solve_tall(A: SX, b: SX) -> SX:
     if A.shape[0] == A.shape[1]:
         return ca.solve(A, b)
     return ca.solve(ca.mtimes(A.T, A), ca.mtimes(A.T, b))
-
-
-def _all_rates(system: System) -> bool:
-    return len(system.free_q) == len(system.free_u)
-
-
-def _rates_matrix(system: System, q: SX) -> SX:
-    """W of q̇ = W u at the mechanism's coordinates given in own symbols."""
-    W = ca.jacobian(system.qdot, system.u)
-    return ca.substitute(W, system.q, q)
 
 
 def _inverse(

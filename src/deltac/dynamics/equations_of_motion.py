@@ -137,19 +137,12 @@ class EquationsOfMotion:
     @cached_property
     def bias(self) -> SX:
         """H (nu,): inertia forces where the free speeds have no accelerations, their sign in F* reversed."""
-        return rnea(self.system, self.at_rest)
+        return rnea(self.system, self.system.at_rest)
 
-    @cached_property
-    def at_rest(self) -> SX:
-        """Accelerations (nu,) of prescribed joints by their laws, and zero of free ones."""
-        udot = ca.SX(self.system.udot_all)
-        udot[self.system.free_u] = 0
-        return udot
-
-    @cached_property
+    @property
     def W(self) -> SX:
         """W (nq, p) of q̇ = W u + X, free coordinates and speeds."""
-        return ca.jacobian(self.system.qdot, self.system.u)
+        return self.system.W
 
     @cached_property
     def quaternions(self) -> tuple[slice, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -127,7 +128,5 @@ def _independent(
 
 def row_names(rows: ConstraintRows, places: Sequence[int]) -> str:
     """ConstraintRows in words: how many of which constraint."""
-    counts: dict[str, int] = {}
-    for k in places:
-        counts[rows.names[k]] = counts.get(rows.names[k], 0) + 1
+    counts = Counter(rows.names[k] for k in places)
     return ", ".join(f"{n} of {name!r}" for name, n in counts.items())

@@ -28,18 +28,13 @@ def _rows(system: System) -> dict[str, int]:
     return {body.name: 6 * k for k, body in enumerate(system.mechanism.bodies)}
 
 
-def _mass_centre(system: System, body: str) -> PlacedPoint:
-    k = system.index[body]
-    return PlacedPoint(system, k, system.links[k].centre)
-
-
 def stacked_velocities(system: System) -> SX:
     """V (n,) at the system's speeds."""
-    velocities = []
+    velocities, scene = [], TracedScene(system)
     for body in system.mechanism.bodies:
         k = system.index[body.name]
         spin = ca.mtimes(system.links[k].to_body.E, link_velocities(system)[k][:3])
-        velocities += [_mass_centre(system, body.name).velocity, spin]
+        velocities += [scene.mass_centre(body.name).velocity, spin]
     return ca.vertcat(*velocities, system.u_all)
 
 
@@ -108,7 +103,7 @@ class LooseBodies(TracedScene):
     def _turned(self, body: str) -> tuple[int, SX, SX]:
         """First row of a body, its mass centre, and R from body to world components."""
         k = _rows(self.system)[body]
-        centre = _mass_centre(self.system, body).place + self.x[k : k + 3]
+        centre = self.mass_centre(body).place + self.x[k : k + 3]
         turn = ca.SX.eye(3) + ca.skew(self.x[k + 3 : k + 6])  # to first order
         return k, centre, ca.mtimes(super().rotation(body), turn)
 
@@ -224,7 +219,7 @@ def _written_out(s: System) -> Maximal:
         for link, E in zip(s.links, (pose.E for pose in s.poses))
     ]
     outputs = {
-        "x": ca.horzcat(*(_mass_centre(s, name).place for name in bodies)),
+        "x": ca.horzcat(*(scene.mass_centre(name).place for name in bodies)),
         "turned": ca.horzcat(*(scene.rotation(name) for name in bodies)),
         "P": P,
         "P_dot": rate_of(P),

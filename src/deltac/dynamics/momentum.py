@@ -70,9 +70,7 @@ def constraint_force(system: System, force: SX, constrained: Constrained | None)
     """Generalized forces Gᵀλ (nu,) of the constraints beside `force` (nu,), by the equations at a state."""
     if constrained is None:
         return ca.SX.zeros(len(system.mechanism.speeds))
-    at_rest = ca.SX(system.udot_all)
-    at_rest[system.free_u] = 0
-    needed = (force - rnea(system, at_rest))[system.free_u]
+    needed = (force - rnea(system, system.at_rest))[system.free_u]
     multipliers = constrained.schur.multipliers(needed, constrained.rows.gamma)
     return ca.mtimes(constrained.rows.G_all.T, multipliers)
 

@@ -116,6 +116,18 @@ class System(Once):
         return self.qdot_all[self.free_q, :]
 
     @cached_property
+    def W(self) -> SX:
+        """W (nq, p) of q̇ = W u + X, free coordinates and speeds."""
+        return ca.jacobian(self.qdot, self.u)
+
+    @cached_property
+    def at_rest(self) -> SX:
+        """Accelerations (nu,) of prescribed joints by their laws, and zero of free ones."""
+        udot = ca.SX(self.udot_all)
+        udot[self.free_u] = 0
+        return udot
+
+    @cached_property
     def index(self) -> Mapping[str, int]:
         """The place of each body's link; the ground is −1."""
         places = {link.joint.child: k for k, link in enumerate(self.links)}
@@ -186,7 +198,8 @@ def _written_out(mechanism: Mechanism, vary: tuple[str, ...]) -> System:
             udot_all[start_u + k] = ca.densify(ca.jacobian(s_dot, t))
     count = sum(len(mechanism.joint(motor.joint).speeds) for motor in mechanism.motors)
     inputs = ca.SX.sym("inputs", count)
-    return _assembled(mechanism, vary, t, q, u, udot, inputs, p, q_all, u_all, udot_all, values)
+    symbols = (t, q, u, udot, inputs, p, q_all, u_all, udot_all)
+    return _linked(System(mechanism, vary, *symbols, ca.SX(0, 1), (), values))
 
 
 def released(system: System) -> System:
@@ -199,45 +212,21 @@ def released(system: System) -> System:
     q = ca.SX.sym("q", len(mechanism.coordinates))
     u = ca.SX.sym("u", len(mechanism.speeds))
     udot = ca.SX.sym("udot", len(mechanism.speeds))
-    return _assembled(
-        mechanism,
-        system.vary,
-        system.t,
-        q,
-        u,
-        udot,
-        system.inputs,
-        system.p,
-        q,
-        u,
-        udot,
-        dict(system.values),
-    )
+    symbols = {"q": q, "u": u, "udot": udot}
+    return _linked(replace(system, **symbols, q_all=q, u_all=u, udot_all=udot))
 
 
-def _assembled(
-    mechanism: Mechanism,
-    vary: tuple[str, ...],
-    t: SX,
-    q: SX,
-    u: SX,
-    udot: SX,
-    inputs: SX,
-    p: SX,
-    q_all: SX,
-    u_all: SX,
-    udot_all: SX,
-    values: dict[str, SX],
-) -> System:
+def _linked(system: System) -> System:
+    """The system with its links, and the rates of its coordinates."""
+    mechanism, q_all, u_all = system.mechanism, system.q_all, system.u_all
+    values = dict(system.values)
     values.update({f"q.{e.name}": q_all[e.index] for e in mechanism.coordinates})
     values.update({f"u.{e.name}": u_all[e.index] for e in mechanism.speeds})
     links = _links(mechanism, q_all, u_all, values)
     qdot_all = ca.vertcat(
         *(ca.mtimes(link.W, u_all[link.u]) for link in links if link.joint.speeds), ca.SX(0, 1)
     )
-    return System(
-        mechanism, vary, t, q, u, udot, inputs, p, q_all, u_all, udot_all, qdot_all, links, values
-    )
+    return replace(system, values=values, links=links, qdot_all=qdot_all)
 
 
 def _links(

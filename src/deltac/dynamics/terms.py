@@ -91,8 +91,7 @@ def forward(
         udot, driving = aba(system, tau, base)
         return Forward(udot, driving, ca.SX(0, 1))
     rows, free = constrained.rows, system.free_u
-    udot = ca.SX(system.udot_all)
-    udot[free] = 0
+    udot = ca.SX(system.at_rest)
     r = (tau - rnea(system, udot, base))[free, :]
     alpha, beta = damping
     gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
@@ -195,8 +194,7 @@ def acatastatic(
             along = ca.vertcat(system.q, system.t)
             u_t[system.free_u] = Z
             udot_t[system.free_u] = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
-    X = ca.mtimes(ca.jacobian(system.qdot, system.u), Z)
-    return Acatastatic(u_t, udot_t, X, Y, Z)
+    return Acatastatic(u_t, udot_t, ca.mtimes(system.W, Z), Y, Z)
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,12 @@ def factorise(A: SX) -> Factor:
     return Factor(rows, d, [A[i, i] for i in range(n)], inverse)
 
 
+def spd_solve(A: SX, B: SX) -> SX:
+    """A⁻¹ B of a symmetric positive definite matrix."""
+    factor = factorise(A)
+    return ca.horzcat(*(_vector(factor.solve(_column(column))) for column in ca.horzsplit(B)))
+
+
 @dataclass(frozen=True)
 class Schur:
     """A constrained system, factorised: mass matrix, Y = L⁻¹ Gᵀ (by rows of G), and S.

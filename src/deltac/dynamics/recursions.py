@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 
 from deltac.calls.caching import derived
-from deltac.dynamics.spatial import SX, Inertia, cross_motion, gyroscopic_force, spd_solve
+from deltac.dynamics.kkt import spd_solve
+from deltac.dynamics.spatial import SX, Inertia, cross_motion, gyroscopic_force
 from deltac.dynamics.system import System
 
 

@@ -345,34 +345,6 @@ def rigid_inertia(mass: SX, centre: SX, central: SX) -> Inertia:
     return Inertia(central + mass * ca.mtimes(c, c.T), mass * c, mass * ca.SX.eye(3))
 
 
-def spd_solve(D: SX, B: SX) -> SX:
-    """D⁻¹ B by LDLᵀ without pivoting, traced; D symmetric positive definite, n by n.
-
-    Pivots are inverted once: a division takes as long as ten multiplications.
-    """
-    n = D.shape[0]
-    if n == 1:
-        return B * (1 / D)
-    L: list[list[Any]] = [[0.0] * n for _ in range(n)]
-    d: list[Any] = []
-    inverse: list[Any] = []
-    for j in range(n):
-        d.append(D[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), start=ca.SX(0)))
-        inverse.append(1 / d[j])
-        for i in range(j + 1, n):
-            dot = sum((L[i][k] * L[j][k] * d[k] for k in range(j)), start=ca.SX(0))
-            L[i][j] = (D[i, j] - dot) * inverse[j]
-    rows = [B[i, :] for i in range(n)]
-    for i in range(n):
-        for k in range(i):
-            rows[i] = rows[i] - L[i][k] * rows[k]
-    rows = [row * inverse[i] for i, row in enumerate(rows)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            rows[i] = rows[i] - L[k][i] * rows[k]
-    return ca.vertcat(*rows)
-
-
 def _symmetric(A: SX) -> SX:
     """The upper triangle mirrored: the lower one is never computed."""
     return ca.triu2symm(ca.triu(ca.densify(A)))

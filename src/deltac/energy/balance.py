@@ -48,7 +48,7 @@ from deltac.energy.works import (
     of_potential,
     widened,
 )
-from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
+from deltac.errors import ArgumentsError, LogError, ModelError, WrongType, check_names
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import BOOKED, CORRECTIONS, ENERGY_CORRECTION, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -464,10 +464,7 @@ def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
         in_loop = any(n in run.integrals for n in TESTING_FUNCTIONS) or _recorded(run)
         return "in-loop" if in_loop else "samples"
-    if work not in WORK_METHODS:
-        raise UnknownName(
-            f"unknown way to take the work, {work!r}; known: {', '.join(WORK_METHODS)}"
-        )
+    check_names([work], WORK_METHODS, "unknown way to take the work,")
     if work == "in-loop" and not run.integrals and not run.works:
         raise LogError(
             "the run holds no integrals and no works taken in the loop; use work='samples', or simulate with "

@@ -18,7 +18,7 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.diagnosis import RUN_TOLERANCE, check_tolerance
-from deltac.errors import FileError, InputError, UnknownName, closest, listed
+from deltac.errors import FileError, InputError, check_names, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
@@ -355,9 +355,8 @@ def plan_audits(
 ) -> AuditPlan:
     """Find the logs and their episodes; nothing is audited. See `audit_many`."""
     check_tolerance(tolerance)
-    if work not in (None, "in-loop", "samples", "discrete"):
-        ways = ("in-loop", "samples", "discrete")
-        raise UnknownName(f"unknown rule for works, {work!r}{closest(str(work), ways)}")
+    if work is not None:
+        check_names([work], ("in-loop", "samples", "discrete"), "unknown rule for works,")
     loaded = load_model(model)
     columns = as_mapping(mapping)  # first: one that is none is no error of a log
     text = None if mapping is None else read_text(mapping)

@@ -15,7 +15,7 @@ import numpy as np
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.errors import ArgumentsError, InputError, SpecificationError, UnknownName, closest
+from deltac.errors import ArgumentsError, InputError, SpecificationError, check_names
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
@@ -221,20 +221,14 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     }
     for axis in axes:
         group, _, name = axis.partition(".")
-        if name not in names_of[group]:
-            raise UnknownName(
-                f"vary.{axis}: model {setting.model!r} has none{closest(name, names_of[group])}"
-            )
+        check_names([name], names_of[group], f"vary.{group}: model {setting.model!r} has no")
     start = model.start(spec.state)
     if spec.parameter and spec.state is None and model.problem is None:
         start = Model(mechanism, model.starts).start(None)
     q, u = start.q.copy(), start.u.copy()
     for values, chosen, names in ((q, spec.q, names_of["q"]), (u, spec.u, names_of["u"])):
+        check_names(chosen, names, f"model {setting.model!r} has no")
         for name, value in chosen.items():
-            if name not in names:
-                raise UnknownName(
-                    f"{name!r}: model {setting.model!r} has none{closest(name, names)}"
-                )
             values[names.index(name)] = value
     duration = model.lasting(setting.duration)
     problem = model.problem

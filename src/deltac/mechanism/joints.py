@@ -23,6 +23,7 @@ from deltac.mechanism.parts import (
     Point,
     Rotation,
     constructor,
+    require_count,
 )
 from deltac.mechanism.quantities import IDENTITY, ZERO, AxisLike, RotationLike, unit_vector
 from deltac.mechanism.scope import GROUND, require_name
@@ -213,8 +214,7 @@ def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
     if count == 0:
         raise ModelError(f"{where}: the joint has no motion, so it takes none")
     if isinstance(value, list | tuple):
-        if len(value) != count:
-            raise ModelError(f"{where}: expected {count} values, found {len(value)}")
+        require_count(value, count, where)
         return tuple(as_law(entry, where) for entry in value)
     return (as_law(value, where),) * count
 

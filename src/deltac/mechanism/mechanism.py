@@ -262,14 +262,14 @@ class Mechanism(Shown):
     def summary(self) -> str:
         """Its name and how many parts it has, in one line."""
         counts = (
-            *(
-                f"{len(self.bodies)} bodies, {len(self.joints)} joints, {len(self.free.u)} free speeds, ",
-            ),
+            f"{len(self.bodies)} bodies",
+            f"{len(self.joints)} joints",
+            f"{len(self.free.u)} free speeds",
             f"{len(self.elements)} force elements",
-            f", {len(self.constraints)} constraints" if self.constraints else "",
-            f", {len(self.events)} events" if self.events else "",
+            f"{len(self.constraints)} constraints" if self.constraints else "",
+            f"{len(self.events)} events" if self.events else "",
         )
-        return f"{self.name!r}: {''.join(counts)}"
+        return f"{self.name!r}: {', '.join(filter(None, counts))}"
 
     def sections(self) -> Iterator[Section]:
         """Tables of joints with the bodies that they carry, of all other parts, and of parameters."""

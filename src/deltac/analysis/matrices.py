@@ -27,7 +27,7 @@ from deltac.calls.arguments import checked
 from deltac.dynamics.maximal import maximal
 from deltac.dynamics.singular_inertia import singular_inertia, without_inertia
 from deltac.dynamics.system import trace
-from deltac.errors import InputError, UnknownName, closest
+from deltac.errors import InputError, check_names
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike
 from deltac.results import Serialisable
@@ -224,8 +224,8 @@ def matrices_at(
 
 def _full_state(system: Any) -> Any:
     """(t, q, u) of the free entries -> q, u of all joints, and the accelerations of prescribed ones."""
-    udot = ca.substitute(system.udot_all, system.udot, ca.SX.zeros(system.udot.shape[0]))
-    return ca.Function("full", [system.t, system.q, system.u], [system.q_all, system.u_all, udot])
+    whole = [system.q_all, system.u_all, system.at_rest]
+    return ca.Function("full", [system.t, system.q, system.u], whole)
 
 
 def stacked(samples: Sequence[Matrices]) -> Matrices:
@@ -500,10 +500,7 @@ class _Instant:
         """All of it, for accelerations `udot` (nu,) or the mechanism's own."""
         m, loops, keep, free = self.mechanism, self.holonomic, self.inertial_rows, self.free
         names = m.speeds.free_names
-        for name in independent:
-            if name not in names:
-                near = closest(name, names)
-                raise UnknownName(f"independent: no free speed is called {name!r}{near}")
+        check_names(independent, names, "independent: no free speed is called")
         preferred = [names.index(name) for name in dict.fromkeys(independent)]
         inner = self.split(np.ones(len(loops), dtype=bool), preferred)
         # The speeds of û are among those of u: motion constraints only take some of these away.

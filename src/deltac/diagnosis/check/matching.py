@@ -179,9 +179,7 @@ def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
         M = moved(crba(system)[free, free])
         term = -ca.mtimes(Y.T, ca.mtimes(M, Y))[row, j]
     elif kind == "gyroscopic":
-        still = ca.SX(system.udot_all)
-        still[free] = 0
-        bias = moved(rnea(system, still)[free])
+        bias = moved(rnea(system, system.at_rest)[free])
         if own is not None:
             rest = own.udot(system, ca.SX.zeros(own_u.shape[0]))
             bias = bias + ca.mtimes(moved(crba(system)[free, free]), rest)

@@ -340,7 +340,7 @@ class Place:
     def _function(self) -> ca.Function:
         s = self.kane.system
         gap = ca.SX(-1) if self.gap is None else self.gap
-        approach = ca.jtimes(gap, s.q, ca.jacobian(s.qdot, s.u))
+        approach = ca.jtimes(gap, s.q, s.W)
         return self.kane.function([self.slip, ca.jacobian(self.slip, s.u), gap, approach])
 
     def at(self, t: Array, q: Array, u: Array) -> tuple[Array, Array, Array, Array]:

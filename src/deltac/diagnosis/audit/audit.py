@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,16 +16,17 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.habits import ORDERS, may_be_filtered, realigned, rezeroed, unfiltered
+from deltac.diagnosis.audit.habits import ORDERS, realigned, rezeroed, share_of_a_filter, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
+from deltac.diagnosis.inference.attribution import with_unexplained
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
 from deltac.diagnosis.inference.model import LogModel
-from deltac.diagnosis.inference.result import KNOWN, Attribution, Inference, Share
+from deltac.diagnosis.inference.result import KNOWN, UNNAMED, Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, balanced, in_model_order, read_log, read_run
@@ -661,19 +662,21 @@ def _inferred(
     """
     mechanism = reference.mechanism
     begun = closed(mechanism, rows, log.ledger.energy_exchanged)
-    if not isinstance(begun, Unclosed):
-        return begun, None
     known = {f.kind for f in log.findings}
+    model, inference = LogModel(mechanism, rows), None
+    if not isinstance(begun, Unclosed):
+        return _in_doubt(begun, model, rows, known), None
     asked = "filtered" not in known and not limit.passed("a filter of the log")
     shifted = "late-forces" in known
-    model, inference = LogModel(mechanism, rows), None
     # What closes rows without a cause is asked first.
     through = None if shifted else realigned(mechanism, rows, begun, False)
     if through is None and asked:
         through = unfiltered(model, rows)
     if through is None:
         inference = begun.with_causes(limit, lacking, "filtered" in known)
-        if inference is not None and inference.force is not None and may_be_filtered(model, rows):
+        forced = inference is not None and inference.force is not None
+        # A filter is likelier that leaves no more than causes may.
+        if forced and share_of_a_filter(model, rows) >= 1.0 - UNNAMED:
             inference = begun.with_causes(limit, lacking, True)
     # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
     # Zeros of coordinates are put right before. Causes that have no more numbers than a filter are likelier.
@@ -692,9 +695,25 @@ def _inferred(
         if through is None and asked:
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
-        return inference, None
+        return _in_doubt(inference, model, rows, known), None
     before, told = through
     return inference, balanced(mechanism, before, reference.work, (*log.findings, told))
+
+
+def _in_doubt(
+    inference: Inference | None, model: LogModel, rows: Trajectory, known: Collection[str]
+) -> Inference | None:
+    """The inference; joules of fields that are of no known method may be those of a filter of the rows.
+
+    As much of them is in doubt as a filter explains of what the rows depart by.
+    """
+    if inference is None or inference.integrator.names or inference.finds_something:
+        return inference
+    if "filtered" in known:
+        return inference
+    parts = inference.attribution
+    doubt = share_of_a_filter(model, rows) * np.abs(parts.integrator.curve)
+    return replace(inference, attribution=with_unexplained(parts, doubt))
 
 
 def _follows(inference: Inference | None, most: float = KNOWN) -> bool:

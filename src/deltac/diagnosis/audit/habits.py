@@ -51,7 +51,7 @@ from deltac.diagnosis.inference.linearisation import (
 from deltac.diagnosis.inference.methods import SQUARES
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import Observations, observations
-from deltac.diagnosis.inference.result import KNOWN, UNNAMED, Inference
+from deltac.diagnosis.inference.result import KNOWN, Inference
 from deltac.diagnosis.inference.whitening import inverse_sizes
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
@@ -533,20 +533,21 @@ def unfiltered(
     return None
 
 
-def may_be_filtered(model: LogModel, run: Trajectory) -> bool:
-    """Whether a filter of all rows would leave less of what they depart by than a cause has to explain.
+def share_of_a_filter(model: LogModel, run: Trajectory) -> float:
+    """Share (of squares) of what rows depart by that a filter of all of them explains, 0 to 1.
 
-    It need not be one that is known, nor be undone: what a filter does looks like a force.
+    It need not be one that is known, nor be undone: what a filter does looks like a force, or an integrator.
     """
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
     if b - a < FEW or np.ptp(h) > ROUGHLY * h.mean():
-        return False
+        return 0.0
     rows = _FilteredRows(model, run.take(slice(a, min(b, a + TELLING))), ())
     with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
         fits = (rows.again(fit) for order in ORDERS for fit in rows.first(order))
-        return any(fit.left**2 <= UNNAMED * rows.whole**2 for fit in fits)
-    return True
+        left = min((fit.left for fit in fits), default=rows.whole)
+        return 1.0 - min(left / rows.whole, 1.0) ** 2 if rows.whole > 0.0 else 0.0
+    return 1.0
 
 
 TELLING = 600

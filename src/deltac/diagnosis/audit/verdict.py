@@ -222,8 +222,14 @@ class Judgement:
 
     @property
     def incomplete(self) -> bool:
-        """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one."""
-        return self.inference is not None and self.inference.incomplete and not self.intermittent
+        """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one.
+
+        Behind a filter that was undone, less may be left: it does in part what causes do.
+        """
+        if self.inference is None or self.intermittent:
+            return False
+        undone = any(f.kind == "filtered" for f in self.noticed)
+        return self.inference.incomplete or (undone and self.inference.unnamed > SLIGHT)
 
     @cached_property
     def integrator(self) -> float:

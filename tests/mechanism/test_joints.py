@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deltac.errors import InputError
+from deltac.errors import InputError, ModelError
 from deltac.mechanism.bodies import sphere
 from deltac.mechanism.joints import (
     JOINT_KINDS,
@@ -75,6 +75,22 @@ def test_one_law_serves_every_slot() -> None:
     assert [str(law) for law in joint.damping] == ["c*t"] * 3
     assert joint.rest == (0.5, 0.5, 0.5)
     assert spherical("ball", "ground", "a", stiffness=2.0).stiffness == (2.0,)
+
+
+@pytest.mark.parametrize(
+    "rotation",
+    [
+        [[1, 0, 0], [0, 1, 0]],
+        [["a", "b", "c"]] * 3,
+        np.full((3, 3), np.nan),
+        "turned",
+        np.diag([1, 1, -1]),
+        2.0 * np.eye(3),
+    ],
+)
+def test_what_is_no_rotation_is_refused(rotation: Any) -> None:
+    with pytest.raises(ModelError, match="rotation of joint 'hinge'"):
+        revolute("hinge", "ground", "bar", rotation=rotation)
 
 
 @pytest.mark.parametrize("axis", ["x", "-y", (1.0, 2.0, -0.5)])

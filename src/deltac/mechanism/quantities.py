@@ -86,13 +86,16 @@ def as_rotation(value: Any, where: str) -> Matrix:
     """
     if value is None:
         return IDENTITY
-    entries = value if hasattr(value, "__len__") else ()
-    rows = [list(row) if hasattr(row, "__len__") else row for row in entries]
-    if len(rows) == 4 and not any(isinstance(row, list) for row in rows):
-        return _from_quaternion([float(entry) for entry in value], where)
-    if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
-        raise ModelError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
-    r = np.array(rows, dtype=np.float64)
+    try:
+        r = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        r = np.zeros(0)
+    if r.shape == (4,):
+        return _from_quaternion(r.tolist(), where)
+    if r.shape != (3, 3) or not np.isfinite(r).all():
+        raise ModelError(
+            f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z), of finite numbers"
+        )
     error, determinant = np.abs(r.T @ r - np.eye(3)).max(), np.linalg.det(r)
     if not (error < 1e-6 and determinant > 0.0):
         raise ModelError(

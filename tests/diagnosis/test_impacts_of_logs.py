@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.energy.prepare import _rate
 from deltac.problems.bouncing_ball import problem
 
 GRAVITY, HEIGHT, STEP, ROWS = 9.81, 1.0, 0.01, 300
@@ -86,3 +87,11 @@ def test_an_impact_at_the_last_row() -> None:
     fallen = bounced(0.8, 0.5 * GRAVITY * (45.0 * STEP) ** 2).take(slice(0, 46))
     audit = dc.audit(problem(0.8), fallen)
     assert audit.verdict.kind == "consistent", audit.explain()
+
+
+@pytest.mark.parametrize("t", [[0.45], [0.45, 0.45], [0.1, 0.1, 0.2, 0.3, 0.3]])
+def test_rates_of_rows_at_the_time_of_an_event(t: list[float]) -> None:
+    """A straight line has its slope at every row; a piece that is no longer than an instant has none."""
+    times = np.array(t)
+    slope = 3.0 if times[-1] > times[0] else 0.0
+    assert _rate(times, 3.0 * times[:, None])[:, 0] == pytest.approx([slope] * len(t), abs=1e-12)

@@ -70,11 +70,11 @@ def _rates(run: LogRows, y: Array) -> Array:
 def _rate(t: Array, y: Array) -> Array:
     """`spline_rate` of a piece, in which rows may be at the time of an event; an instant has no rate."""
     later = np.diff(t) > SAME * (t[-1] - t[0])
+    if not later.any():
+        return np.zeros_like(y)
     if later.all():
         return spline_rate(t, y)
     instants = np.append(True, later)
-    if not later.any():
-        return np.zeros_like(y)
     return np.asarray(spline_rate(t[instants], y[instants])[np.cumsum(instants) - 1])
 
 

@@ -6,6 +6,7 @@ The oracle is a cart-pole with hand-written equations and integrators.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -236,3 +237,64 @@ def test_integrators_that_close_alike_are_listed() -> None:
     integrator = dc.audit(MECHANISM, single).integrator
     assert integrator is not None and integrator.order >= 3
     assert {"rk4", "dormand-prince"} <= {*integrator.names} or "higher-order" in integrator.names
+
+
+ARM = """<robot name="arm">
+<link name="base"><inertial><mass value="1"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="upper"><inertial><origin xyz="0.1 0 -0.4"/><mass value="2"/>
+  <inertia ixx="0.05" iyy="0.07" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0 0.1 -0.3"/><mass value="1.5"/>
+  <inertia ixx="0.04" iyy="0.02" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/></joint>
+<joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+  <origin xyz="0 0 -0.8"/><axis xyz="1 0 0"/></joint></robot>"""
+
+UNLESS_SWITCHED_OFF = (None, 0.04, "the linear and angular damping of Bullet")
+
+
+@pytest.mark.parametrize(
+    ("damping", "size", "name"),
+    repeated(
+        [
+            UNLESS_SWITCHED_OFF,
+            ((0.1, 0.0), 0.1, "the linear damping of Bullet"),
+            ((0.0, 0.2), 0.2, "the angular damping of Bullet"),
+        ],
+        UNLESS_SWITCHED_OFF,
+    ),
+)
+def test_damping_of_bullet_is_named(
+    damping: tuple[float, float] | None, size: float, name: str, tmp_path: Path
+) -> None:
+    bullet = pytest.importorskip("pybullet")
+    (tmp_path / "arm.urdf").write_text(ARM)
+    client = bullet.connect(bullet.DIRECT)
+    of = {"physicsClientId": client}
+    try:
+        bullet.setGravity(0, 0, -9.81, **of)
+        bullet.setTimeStep(0.002, **of)
+        arm = bullet.loadURDF(
+            str(tmp_path / "arm.urdf"), useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, **of
+        )  # fmt: skip
+        for k, angle in ((0, 0.8), (1, -0.7)):
+            bullet.changeDynamics(arm, k, jointDamping=0, maxJointVelocity=1e6, **of)
+            if damping is not None:
+                own = {"linearDamping": damping[0], "angularDamping": damping[1]}
+                bullet.changeDynamics(arm, k, **own, **of)
+            bullet.setJointMotorControl2(arm, k, bullet.VELOCITY_CONTROL, force=0, **of)
+            bullet.resetJointState(arm, k, angle, 0.0, **of)
+        rows = []
+        for _ in range(800):
+            rows.append(np.array([bullet.getJointState(arm, k, **of)[:2] for k in range(2)]))
+            bullet.stepSimulation(**of)
+    finally:
+        bullet.disconnect(client)
+    q, u = np.moveaxis(np.array(rows), 2, 0)
+    names = ("shoulder", "elbow")
+    t = np.asarray(0.002 * np.arange(800.0), dtype=float)
+    log_ = dc.Trajectory(t=t, q=q, u=u, coordinates=names, speeds=names)
+    audit = dc.audit(tmp_path / "arm.urdf", log_)
+    (cause,) = audit.causes
+    assert (cause.kind, cause.element) == ("velocity-decay", "all bodies")
+    assert cause.size == pytest.approx(size, rel=1e-6) and name in str(cause)

@@ -150,6 +150,20 @@ KINDS = {
     ),
     "missing-friction": _lacking("dry friction", "friction", "{F}"),
     "missing-drag": _lacking("drag by the square of the speed", "drag", "{F}·s²/{q}²"),
+    "body-damping": CauseKind(
+        "a viscous drag of {shown} {unit} acts on {element} at its mass centre",
+        ADD,
+        "damping",
+        "N·s/m",
+        "positive",
+    ),
+    "velocity-decay": CauseKind(
+        "all bodies lose {shown} {unit} of their momentum, as under {origin}",
+        "Switch this damping of the engine off, or give the model a force like it",
+        "decay",
+        "1/s",
+        "positive",
+    ),
     "missing-spring": _lacking("spring stiffness", "stiffness", "{F}/{q}"),
     "rest-angle": CauseKind(
         "the spring of joint {element} rests at {shown}, not {base} {unit}",
@@ -275,6 +289,7 @@ KINDS = {
 
 PREFERENCE = tuple(KINDS)
 
+OF_TURNING = "a viscous moment of {shown} {unit} resists the turning of {element} in space"
 OF_A_BODY = "a drag of {shown} {unit} times the square of its speed acts on {element}"
 WITH_A_FORCE = (
     "a spring of {numbers[0]} {unit} that the model does not have acts on joint {element}, with {numbers[1]} "
@@ -284,7 +299,8 @@ TOUCHING = (
     "joint {element} touches a stop that the model does not have all the time: a stiffness of {numbers[0]} "
     "{unit} {side}"
 )
-"""Drag of a body, a spring of which the force at zero is told, and a stop that is always touched."""
+"""What resists a body's turning, its drag, a spring whose force at zero is told, a stop that is always
+touched."""
 
 SLIPS, SLIPPED = (0.0, -1.0, 2.0, 0.5), 0.02
 """Factors of terms that were forgotten, or have another sign, or a 2 too many or too few; how near."""
@@ -598,6 +614,19 @@ ON_A_SPEED: tuple[tuple[str, What], ...] = (
 """What may act on a joint's speed, or alike on all of them."""
 
 
+DECAYS = {
+    "the linear and angular damping of Bullet": (1.0, 1.0, 1.0, 1.0),
+    "the linear damping of Bullet": (1.0, 1.0, 0.0, 0.0),
+    "the angular damping of Bullet": (0.0, 0.0, 1.0, 1.0),
+    "a linear and angular damping of velocities": (1.0, 0.0, 1.0, 0.0),
+    "a linear damping of velocities": (1.0, 0.0, 0.0, 0.0),
+    "an angular damping of velocities": (0.0, 0.0, 1.0, 0.0),
+}
+"""What engines take from all bodies, as factors of the columns "decay". Bullet's multibodies have the forces
+−k m (1 + |v|) v and the moments −k J (1 + |ω|) ω, with k = 0.04 /s unless it is switched off; ODE and PhysX
+multiply velocities by 1 − k h."""
+
+
 TERMS_OF_AN_EQUATION: tuple[tuple[str, What], ...] = (
     ("gravity-term", "weight term"), ("velocity-term", "velocity term"),
 )  # fmt: skip
@@ -830,12 +859,22 @@ def _wrenches(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         drag = places(Column("drag of a body", body))
         unit = ("N·s²/m²",)
         yield from cause("missing-drag", body, drag, [1.0], units=unit, words=OF_A_BODY)
+        yield from cause("body-damping", body, places(Column("damper of a body", body, 0)), [1.0])
+        turning = places(Column("damper of a body", body, 1))
+        unit = ("N·m·s/rad",)
+        yield from cause(
+            "body-damping", body, turning, [1.0], units=unit, words=OF_TURNING, origin="turning"
+        )
         for what, kind in PUSHES:
             directions = [k for k in range(3) if Column(what, body, k) in places.of]
             for group in [[k] for k in directions] + ([directions] if len(directions) > 1 else []):
                 columns = places(*(Column(what, body, k) for k in group))
                 axes = tuple("xyz"[k] for k in group)
                 yield from cause(kind, body, columns, np.eye(len(group)), names=axes)
+    for origin, factors in DECAYS.items():
+        some = [(Column("decay", "", k), x) for k, x in enumerate(factors) if x]
+        at = places(*(c for c, _ in some))
+        yield from cause("velocity-decay", "all bodies", at, [x for _, x in some], origin=origin)
 
 
 # --- geometry: places and axes of joints, lengths, points, sizes ---------------------------------------

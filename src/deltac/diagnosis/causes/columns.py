@@ -18,6 +18,7 @@ from deltac.arrays import Array
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
+from deltac.dynamics.system import Link
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import JOINT_KINDS
@@ -28,6 +29,7 @@ What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "weight term", "velocity term",
     "damper", "friction", "drag",
     "spring", "stop", "constant", "armature", "channel", "delay", "law", "offset", "drag of a body",
+    "damper of a body", "decay",
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
     "bend",
 ]  # fmt: skip
@@ -49,6 +51,8 @@ class Column:
     weight term, velocity term  speed: what gravity, and what speeds alone, do in its equation
     damper      speed: −u; friction: −sign u; drag: −u|u|; spring: −q; constant: 1; armature: −u̇
     drag of a body  body: −|v| v at its mass centre
+    damper of a body  body: 0 for −v at its mass centre, 1 for the moment −ω
+    decay       all bodies together: −m v at mass centres, −m |v| v, −J ω and −J |ω| ω, in this order
     stop        speed: −max(q − c, 0) at the place c of that index, see `stops`
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
@@ -211,9 +215,7 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
             continue
         turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
         changes[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
-        J = link.inertia.J - link.mass * (
-            ca.sumsqr(link.centre) * ca.SX.eye(3) - ca.mtimes(link.centre, link.centre.T)
-        )
+        J = central_inertia(link)
         moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
         own = gather(s, {k: ca.vertcat(moment, ca.SX.zeros(3))})
         changes[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
@@ -343,18 +345,26 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
 
 
 def _wrenches(equations: LogEquations) -> dict[Column, SX]:
-    """Constant forces at mass centres, and constant moments; drag."""
+    """Constant forces at mass centres, and constant moments; drag, and what engines take from all bodies."""
     s = equations.symbols.system
     V = velocities(s, s.u_all)
     changes: dict[Column, SX] = {}
+    decays = [ca.SX(len(s.free_u), 1) for _ in range(4)]
     for k, (link, pose) in enumerate(zip(s.links, s.poses)):
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue
-        v = V[k][3:] + cross(V[k][:3], link.centre)
-        drag = -ca.norm_2(v) * v
-        wrench_of_drag = ca.vertcat(cross(link.centre, drag), drag)
-        changes[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
+        w = V[k][:3]
+        v, L = V[k][3:] + cross(w, link.centre), ca.mtimes(central_inertia(link), w)
+        at_centre = gather(s, {k: -ca.vertcat(cross(link.centre, v), v)})[s.free_u]
+        turning, moment = (gather(s, {k: -ca.vertcat(x, ca.SX(3, 1))})[s.free_u] for x in (L, w))
+        changes[Column("damper of a body", body, 0)] = at_centre
+        changes[Column("damper of a body", body, 1)] = moment
+        changes[Column("drag of a body", body)] = ca.norm_2(v) * at_centre
+        decays[0] += link.mass * at_centre
+        decays[1] += link.mass * ca.norm_2(v) * at_centre
+        decays[2] += turning
+        decays[3] += ca.norm_2(w) * turning
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
             nothing = ca.SX(3, 1)
@@ -366,7 +376,14 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
             }
             for what, wrench in wrenches.items():
                 changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
+    changes |= {Column("decay", "", k): x for k, x in enumerate(decays)}
     return changes
+
+
+def central_inertia(link: Link) -> SX:
+    """The moments and products of inertia (3, 3) of a body about its mass centre, kg·m²."""
+    about = ca.sumsqr(link.centre) * ca.SX.eye(3) - ca.mtimes(link.centre, link.centre.T)
+    return link.inertia.J - link.mass * about
 
 
 MOMENTS = {"delay": "s", "smoothing": "s²", "third moment": "s³", "fourth moment": "s⁴"}

@@ -613,6 +613,8 @@ def search(
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
+    Beside the one that was added, another may come in the place of each before (sequential replacement: A.
+    Miller, Subset Selection in Regression, 2002, ch. 3).
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
     one of less than `negligible` only if it leaves next to nothing (`SMALL_SHARE`) of what was left before.
     `most` are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass
@@ -620,22 +622,27 @@ def search(
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
-    for _ in range(most):
-        fits: list[tuple[float, Fit]] = []
-        top, wanted = CERTAIN, 0 if scores else SHORTLIST
-        for bound, c in _ordered(blocks, best, candidates):
+
+    def beside_them(without: Fit, wanted: int) -> list[tuple[float, Fit]]:
+        """Sets of one cause more, with their odds: the likeliest, and so many at least."""
+        fits, top = list[tuple[float, Fit]](), CERTAIN
+        for bound, c in _ordered(blocks, without, candidates):
             if len(fits) >= wanted and bound < top - CERTAIN:
                 break
-            fit = fitted(blocks, (*best.chosen, c), best.theta)
+            fit = fitted(blocks, (*without.chosen, c), without.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
             joules = exchanged(fit)
             if joules.min() < max(least, beside * joules.max()):
                 continue
-            if joules.min() < negligible and not _explains_all(blocks, best, fit):
+            if joules.min() < negligible and not _explains_all(blocks, without, fit):
                 continue
-            fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
+            fits.append((evidence(blocks, without, fit, len(candidates), False), fit))
             top = max(top, fits[-1][0])
+        return fits
+
+    for _ in range(most):
+        fits = beside_them(best, 0 if scores else SHORTLIST)
         alone = max(fits, key=lambda item: item[0])[1] if fits else best
         for pair in _of_one_body(best, candidates) if pairs else ():
             fit = fitted(blocks, (*best.chosen, *pair), best.theta)
@@ -651,6 +658,15 @@ def search(
             break
         near = [f for e, f in fits if e >= fits[0][0] - CERTAIN]
         best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
+        # What was found alone may have stood for another cause, beside which the others explain more.
+        for k in range(len(best.chosen) - 1):
+            if all(b.misfit(best.coefficients) <= b.count for b in blocks):
+                break
+            others = _without(blocks, best, k)
+            now = evidence(blocks, others, best, len(candidates), False)
+            odds, other = max(beside_them(others, 0), key=lambda item: item[0], default=(now, best))
+            if odds > now + CERTAIN:
+                best, near = other, [other]
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
 

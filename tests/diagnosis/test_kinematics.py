@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import deltac as dc
 from deltac import Trajectory
@@ -173,3 +174,18 @@ def test_a_speed_that_decays_evenly_does_not_show_a_small_factor(
     (found,) = kinematics.compare(t, np.diff(q)[:, None], u[:, None], bar, [(0, 80)])  # type: ignore[arg-type]
     assert found is not None
     assert found.scaled == (gear != 1.0)
+
+
+@pytest.mark.parametrize("damping", [0.7, 1.0, 2.0])
+def test_a_servo_between_rows_is_no_gear(damping: float) -> None:
+    """Held targets, the exact solution: Δq is a combination of both speeds, of another factor than one."""
+    h, w = 0.02, 40.0
+    step = expm(h * np.array([[0, 1, 0], [-(w**2), -2 * damping * w, w**2], [0, 0, 0]]))
+    t, x = h * np.arange(400.0), np.zeros((400, 2))
+    for k in range(399):
+        x[k + 1] = (step @ [*x[k], 0.5 * np.sin(2 * t[k]) + 0.3 * np.sin(5.3 * t[k] + 0.4)])[:2]
+    slider = dc.Mechanism(
+        [dc.body("block", 1.0, (0.1, 0.1, 0.1))], [dc.prismatic("s", "ground", "block", axis="x")]
+    )
+    run = dc.Trajectory(t=t, q=x[:, :1], u=x[:, 1:], coordinates=("s",), speeds=("s",))
+    assert cleaned(slider, run).findings == ()

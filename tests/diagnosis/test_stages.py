@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import deltac as dc
 
@@ -73,3 +74,61 @@ def test_files_hold_the_stages(tmp_path: Path) -> None:
         again = dc.read_trajectory(tmp_path / name)
         assert run.stages is not None and again.stages is not None
         assert np.array_equal(again.stages, run.stages)
+
+
+SERVO = """
+<mujoco>
+  <option timestep="0.004" integrator="RK4"/>
+  <worldbody>
+    <body name="arm">
+      <joint name="pivot" type="hinge" axis="0 1 0" damping="0.2"/>
+      <inertial pos="0 0 -0.4" mass="{mass}" diaginertia="0.02 0.02 0.02"/>
+    </body>
+  </worldbody>
+  <actuator><position name="servo" joint="pivot" kp="60"/></actuator>
+</mujoco>
+"""
+"""Targets change at the rows: within a step the force of the servo does what no spline through rows does."""
+
+
+def swung(mass: float, duration: float = 3.0) -> dc.Trajectory:
+    def target(_: Any, data: Any) -> None:
+        data.ctrl[:] = 0.8 * np.sin(9.0 * data.time)
+
+    model = mujoco.MjModel.from_xml_string(SERVO.format(mass=mass))
+    return dc.run_mujoco(model, duration, controller=target)
+
+
+def lacking(run: dc.Trajectory, mass: float, model: float) -> float:
+    """What a model of another mass lacks along the exact flow of each step, J (by SciPy)."""
+    total, inertia, g = 0.0, {m: 0.02 + m * 0.16 for m in (mass, model)}, 9.81
+    for t, (q,), (u,) in zip(run.t[:-1], run.q, run.u):
+        c = 0.8 * np.sin(9.0 * t)
+
+        def flow(_: float, x: Any, c: float = c) -> list[float]:
+            force = 60.0 * (c - x[0])
+            a = (force - 0.2 * x[1] - mass * g * 0.4 * np.sin(x[0])) / inertia[mass]
+            left = inertia[model] * a + model * g * 0.4 * np.sin(x[0]) + 0.2 * x[1] - force
+            return [x[1], a, left * x[1]]
+
+        end = solve_ivp(flow, (0.0, 0.004), [q, u, 0.0], rtol=1e-10, atol=1e-13).y[:, -1]
+        total += float(end[2])
+    return total
+
+
+def test_a_mistake_beside_a_servo_has_its_joules() -> None:
+    run = swung(1.03)
+    audit = dc.audit(mujoco.MjModel.from_xml_string(SERVO.format(mass=1.0)), run)
+    assert [(c.kind, c.element) for c in audit.causes] == [("body-mass", "arm")]
+    assert audit.attribution is not None
+    true = lacking(run, 1.03, 1.0)
+    # Forces at stages are those of states of second order in the step: ΔC of both together is exact.
+    assert audit.attribution.equations.energy == pytest.approx(true, rel=0.01)
+    assert audit.attribution.integrator.energy == pytest.approx(
+        audit.energy_error[-1] - true, abs=0.01 * abs(true)
+    )
+
+
+def test_a_servo_of_which_rows_are_left_out_is_in_balance() -> None:
+    audit = dc.audit(mujoco.MjModel.from_xml_string(SERVO.format(mass=1.0)), swung(1.0).every(5))
+    assert audit.verdict.kind == "consistent"

@@ -154,8 +154,17 @@ class LoggedForce:
     def of(
         intervals: Intervals, pieces: list[tuple[int, int]], counts: NDArray[np.intp] | None = None
     ) -> LoggedForce:
-        """Those of intervals in pieces of consecutive ones, held so many times (N,) in each."""
+        """Those of intervals in pieces of consecutive ones, held so many times (N,) in each.
+
+        Where a log has those at the stages of single steps, they are quadratic in the step: what a controller
+        changes at a row is none of their course.
+        """
         first, change, h = intervals.start.F, intervals.end.F - intervals.start.F, intervals.h
+        if intervals.stages and counts is not None and counts.max() == 1:
+            *middle, last = intervals.stages
+            bend = 4.0 * np.mean(middle, axis=0) - 2.0 * (first + last) if middle else 0.0 * first
+            none = np.zeros_like(first)
+            return LoggedForce(first, last - first, (bend, -bend), none, none, counts)
         slopes = [np.zeros_like(first), np.zeros_like(first)]
         doubt, gap = np.zeros_like(first), np.zeros_like(first)
         for a, b in pieces:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -295,3 +296,27 @@ def test_impacts_that_the_log_does_not_tell_of_accuse_nobody(
     found = audit(problem, log)
     assert found.verdict.kind == "consistent", found.verdict.explain()
     assert "F-IMPACTS-BY-LAW" in {f.code for f in found.findings}
+
+
+LIMITED = """<robot name="pendulum"><link name="ground"/>
+<link name="arm"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+  <inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="pivot" type="revolute"><parent link="ground"/><child link="arm"/><axis xyz="0 1 0"/>
+  <limit lower="-9" upper="9" effort="9" velocity="9"/></joint></robot>"""
+
+
+def test_a_urdf_file_tells_of_no_simulator(tmp_path: Path) -> None:
+    """A log of another program than MuJoCo: that this does not reproduce it says nothing."""
+    (tmp_path / "pendulum.urdf").write_text(LIMITED)
+    h, q, u, rows = 0.01, 1.2, 0.0, []
+    for k in range(400):
+        rows.append([k * h, q, u])
+        u -= h * 9.81 * 0.5 * np.sin(q) / 0.27  # the semi-implicit Euler method
+        q += h * u
+    t, q_, u_ = np.array(rows).T
+    found = audit(tmp_path / "pendulum.urdf", {"t": t, "q.pivot": q_, "u.pivot": u_})
+    assert found.verdict.kind == "integration-error"
+    assert found.integrator is not None and found.attribution is not None
+    assert "semi-implicit-euler" in found.integrator.names
+    energy = 0.5 * 0.27 * u_**2 - 9.81 * 0.5 * np.cos(q_)
+    assert found.attribution.integrator.energy == pytest.approx(energy[-1] - energy[0], rel=1e-4)

@@ -240,7 +240,7 @@ def test_noise_widens_the_error_and_not_the_answer(measured: bool) -> None:
         }, str(found)
         truth = {"shoulder": 0.05, "elbow": 0.02}
         inside += [abs(c.values[0] - truth[c.element]) <= 3.0 * c.errors[0] for c in found.causes]
-        assert all(1e-5 < c.errors[0] / c.values[0] < 0.05 for c in found.causes)
+        assert all(1e-6 < c.errors[0] / c.values[0] < 0.05 for c in found.causes)
     assert sum(inside) >= len(inside) - 1
 
 

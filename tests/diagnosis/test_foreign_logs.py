@@ -250,19 +250,14 @@ ARM = """<robot name="arm">
 <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
   <origin xyz="0 0 -0.8"/><axis xyz="1 0 0"/></joint></robot>"""
 
-UNLESS_SWITCHED_OFF = (None, 0.04, "the linear and angular damping of Bullet")
-
 
 @pytest.mark.parametrize(
     ("damping", "size", "name"),
-    repeated(
-        [
-            UNLESS_SWITCHED_OFF,
-            ((0.1, 0.0), 0.1, "the linear damping of Bullet"),
-            ((0.0, 0.2), 0.2, "the angular damping of Bullet"),
-        ],
-        UNLESS_SWITCHED_OFF,
-    ),
+    [
+        (None, 0.04, "the linear and angular damping of Bullet"),  # unless it is switched off
+        pytest.param((0.1, 0.0), 0.1, "the linear damping of Bullet", marks=pytest.mark.slow),
+        pytest.param((0.0, 0.2), 0.2, "the angular damping of Bullet", marks=pytest.mark.slow),
+    ],
 )
 def test_damping_of_bullet_is_named(
     damping: tuple[float, float] | None, size: float, name: str, tmp_path: Path

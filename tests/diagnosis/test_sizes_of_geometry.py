@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import deltac as dc
 from deltac.arrays import Array
@@ -112,3 +113,33 @@ def test_the_right_model_is_right() -> None:
         "consistent",
         "integration-error",
     )
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.045])
+def test_the_ratio_of_an_elastic_gear(ratio: float) -> None:
+    """A load, a rotor and a spring between them, and the same spring of a gear of another ratio."""
+    load, rotor, stiffness = 2.0, 0.02, 30.0
+    model = dc.Mechanism(
+        [dc.body("load", load, (0.1, 0.1, 0.1)), dc.body("rotor", rotor, (0.1, 0.1, 0.1))],
+        [dc.prismatic(s, "ground", s, axis="x") for s in ("load", "rotor")],
+        forces=[
+            dc.forces.tendon("gear", coordinates={"load": 1.0, "rotor": -0.04}, stiffness=stiffness)
+        ],
+        gravity=(0, 0, 0),
+    )
+    along = np.array([1.0, -ratio])
+    A = np.zeros((4, 4))
+    A[:2, 2:] = np.eye(2)
+    A[2:, :2] = -stiffness * np.outer(along, along) / np.array([[load], [rotor]])
+    step, x = expm(0.01 * A), np.zeros((400, 4))
+    x[0] = 0.1, -0.5, 0.0, 1.0
+    for k in range(399):
+        x[k + 1] = step @ x[k]
+    names = ("load", "rotor")
+    log = dc.Trajectory(
+        t=0.01 * np.arange(400.0), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names
+    )
+    audit = dc.audit(model, log)
+    (cause,) = audit.causes
+    assert (cause.kind, cause.element) == ("law-number", "tendon 'gear'")
+    assert cause.values[0] == pytest.approx(-ratio, rel=1e-6)

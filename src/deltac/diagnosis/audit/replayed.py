@@ -66,7 +66,7 @@ def replayed(
 ) -> Attempt:
     """Every step of a log's motion, and whether it is the model's.
 
-    Unless it is `required`, only a log that lacks forces which its MuJoCo model has is stepped, and kept only
+    Unless it is `required`, only a log that lacks forces which its MJCF model has is stepped, and kept only
     where its first rows are reproduced: else model, step or controls are others than those of the log, which
     is then judged as it is, for nobody claimed that they are the same. A finding says why.
 
@@ -79,6 +79,8 @@ def replayed(
         raise ArgumentsError(
             "replay needs a log file or a table with states and controls; this log is a finished run"
         )
+    if not required and report is not None and report.source.lower().endswith(".urdf"):
+        return Attempt(None)  # a URDF file tells of no simulator, nor of its step
     try:
         program = compiled_model(model)
     except InputError as error:

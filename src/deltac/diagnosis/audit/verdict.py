@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, Array
 from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
 from deltac.diagnosis.inference.forces import FORCES
-from deltac.diagnosis.inference.hypotheses import CERTAIN
+from deltac.diagnosis.inference.hypotheses import CERTAIN, TOGETHER
 from deltac.diagnosis.inference.integrators import NEAR
 from deltac.diagnosis.inference.result import (
     KNOWN,
@@ -224,12 +224,15 @@ class Judgement:
     def incomplete(self) -> bool:
         """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one.
 
-        Behind a filter that was undone, less may be left: it does in part what causes do.
+        Behind a filter that was undone, less may be left: it does in part what causes do, several of them
+        most of all.
         """
         if self.inference is None or self.intermittent:
             return False
         undone = any(f.kind == "filtered" for f in self.noticed)
-        return self.inference.incomplete or (undone and self.inference.unnamed > SLIGHT)
+        several = len(self.inference.posterior.best.chosen) >= TOGETHER
+        most = NEGLIGIBLE if several else SLIGHT
+        return self.inference.incomplete or (undone and self.inference.unnamed > most)
 
     @cached_property
     def integrator(self) -> float:
@@ -257,7 +260,8 @@ class Judgement:
         # are not all.
         error = np.maximum(error, self.inference.unexplained if self.inference is not None else 0.0)
         beyond_noise = self.inference is not None and self.inference.excess > KNOWN
-        if self.inference is not None and ((self.incomplete and beyond_noise) or self.lacking):
+        incomplete = self.incomplete and beyond_noise and not self.between_rows
+        if self.inference is not None and (incomplete or self.lacking):
             left = np.einsum("km,km->k", self.inference.gradient, self.inference.residual)
             net = np.abs(np.cumsum(left)).max() * self.inference.whole
             generic = self.inference.generic
@@ -297,15 +301,18 @@ class Judgement:
     def unexplained(self) -> float:
         """Probability that what nothing explains matters."""
         error, bar = self.energy_error
-        if self.inference is None:
-            return 1.0 if error > self.allowed else float(bar > self.allowed)
+        if self.inference is None or self.attribution is None:  # the balance speaks alone
+            return float(max(error, bar) > self.allowed)
         if self.incomplete:  # what looks like a mistake is nobody's, nor is what is left
             return max(self.mistake[1], float(self.inference.unexplained > self.allowed))
-        # Forces that varied between the rows, which no row shows, did work that was taken in the loop.
+        return float(self.inference.unexplained > self.allowed and not self.between_rows)
+
+    @property
+    def between_rows(self) -> bool:
+        """Whether forces may have varied between rows, which none shows, and the balance has their works."""
         varying = set(map(str, self.run.forces)) - set(map(str, self.run.provenance.held or ()))
-        if self.ledger.method == "in-loop" and varying and error <= self.allowed:
-            return 0.0
-        return float(self.inference.unexplained > self.allowed)
+        in_loop = self.ledger.method == "in-loop"
+        return in_loop and bool(varying) and self.energy_error[0] <= self.allowed
 
     @cached_property
     def odds(self) -> dict[VerdictKind, float]:

@@ -42,7 +42,7 @@ from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
-Sign = Literal["any", "positive", "factor", "forgotten", "slip"]
+Sign = Literal["any", "positive", "factor", "forgotten", "slip", "passive"]
 
 SAME_VALUE = "Give the model the value that the simulator used"
 MASSES = "Check masses and inertias of the model against those that the simulator used"
@@ -63,7 +63,8 @@ class CauseKind:
     number  name of its number
     unit    of its number; {F}, {q} and {J} are those of a joint's force, coordinate and inertia
     sign    "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
-            "forgotten": at least 0, and no factor above 10; "slip": a factor that a slip in equations makes
+            "forgotten": at least 0, and no factor above 10; "slip": a factor that a slip in equations makes;
+            "passive": a factor of at least 0, or −1
     tells   which of a body's mass m, mass centre c and central inertia J it tells
     """
 
@@ -407,8 +408,10 @@ class Candidate:
         return same and any(fact in others for fact in own)
 
     def possible(self, theta: Array) -> bool:
-        """Whether numbers that have settled are possible: moments of inertia are forgotten or some."""
-        return self.sign != "forgotten" or bool(theta[0] > -(1.0 + SLIPPED) * self.base[0])
+        """Whether numbers that have settled are possible: what may be forgotten is nothing or more."""
+        if self.sign not in ("forgotten", "passive") or theta[0] > -(1.0 + SLIPPED) * self.base[0]:
+            return True
+        return self.sign == "passive" and abs(float(self.base[0] + theta[0]) + 1.0) < SLIPPED
 
     def plausible(self, theta: Array) -> bool:
         """Whether the world could have it: dampers brake, masses stay within a decade."""
@@ -442,7 +445,9 @@ class Candidate:
             most = value[0] < 10.0 or "1" not in self.units or other_unit(value)
             return bool(most and value[0] > -self.base[0])
         return (
-            self.sign == "any" or bool(np.all((value > 0.1) & (value < 10.0))) or other_unit(value)
+            self.sign in ("any", "passive")
+            or bool(np.all((value > 0.1) & (value < 10.0)))
+            or other_unit(value)
         )
 
 
@@ -832,7 +837,8 @@ def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
             continue
         origin = "logged" if logged else "computed"
         kind = "actuator-gear" if name.kind == "actuator" else "channel-factor"
-        yield from cause(kind, name, at, [1.0], 1.0, origin=origin)
+        sign = "any" if logged or name.kind not in ("spring", "damper") else "passive"
+        yield from cause(kind, name, at, [1.0], 1.0, origin=origin, sign=sign)
         delay = places(*(Column("delay", name, k) for k in range(2)))
         yield from cause("actuator-delay", name, delay, _FIRST, quadratic=_SQUARE, origin=origin)
     late = [places.of[c] for c in places.of if c.what == "delay"]

@@ -350,7 +350,10 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     V = velocities(s, s.u_all)
     changes: dict[Column, SX] = {}
     decays = [ca.SX(len(s.free_u), 1) for _ in range(4)]
+    free, moving = {int(k) for k in s.free_u}, list[set[int]]()
     for k, (link, pose) in enumerate(zip(s.links, s.poses)):
+        own = free & set(range(link.u.start, link.u.start + link.S.shape[1]))
+        moving.append(own | (moving[link.parent] if link.parent >= 0 else set()))
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue
@@ -358,8 +361,9 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
         v, L = V[k][3:] + cross(w, link.centre), ca.mtimes(central_inertia(link), w)
         at_centre = gather(s, {k: -ca.vertcat(cross(link.centre, v), v)})[s.free_u]
         turning, moment = (gather(s, {k: -ca.vertcat(x, ca.SX(3, 1))})[s.free_u] for x in (L, w))
-        changes[Column("damper of a body", body, 0)] = at_centre
-        changes[Column("damper of a body", body, 1)] = moment
+        if len(moving[k]) > 1:  # else they are dampers of its joint
+            changes[Column("damper of a body", body, 0)] = at_centre
+            changes[Column("damper of a body", body, 1)] = moment
         changes[Column("drag of a body", body)] = ca.norm_2(v) * at_centre
         decays[0] += link.mass * at_centre
         decays[1] += link.mass * ca.norm_2(v) * at_centre
@@ -376,7 +380,8 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
             }
             for what, wrench in wrenches.items():
                 changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
-    changes |= {Column("decay", "", k): x for k, x in enumerate(decays)}
+    if len(free) > 1:
+        changes |= {Column("decay", "", k): x for k, x in enumerate(decays)}
     return changes
 
 

@@ -40,6 +40,7 @@ from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX, Transform, cross_force
 from deltac.dynamics.system import System, trace
 from deltac.mechanism.channels import Channel
+from deltac.mechanism.forces import Tendon
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.parts import Part
@@ -408,6 +409,8 @@ class _Opened:
             return self._shape(part, at, value)
         if name == "branches":
             return tuple(self._branch(part, f"{at}.{k}", x) for k, x in enumerate(value))
+        if name == "coordinates" and isinstance(part, Tendon):
+            return tuple((q, self._coefficient(part, f"{at}.{q}", q, x)) for q, x in value)
         if name in SIZES:
             kind = "element-length" if name == "length" else "contact-size"
             return self._size(part, at, value, kind, f"the {name} of {part.where}")
@@ -422,6 +425,10 @@ class _Opened:
         symbol = ca.SX.sym(at)
         self.numbers.append(Number(at, part=part.where, value=value, symbol=symbol, **more))
         return Varied.of(value, symbol)
+
+    def _coefficient(self, part: Part, at: str, name: str, value: Any) -> Any:
+        what = f"{part.where}, the coefficient of {name!r},"
+        return self._number(part, at, value, kind="law-number", what=what)
 
     def _point(self, part: Part, at: str, value: Any, body: str, kind: str) -> Any:
         what = f"the point of {part.where} on {body}"

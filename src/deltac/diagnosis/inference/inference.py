@@ -587,12 +587,7 @@ def _at_causes(
         alone = _settled(near.point if near else point.narrowed(found), found)
     if alone is None or not alone.posterior.best.chosen:
         return _settled(point, found)
-    whole = _settled(point, alone.posterior, True)
-    if whole is not None and whole.posterior.best.chosen:
-        return whole
-    # What the causes do looked like noise of the rows.
-    quiet = replace(point, log=alone.point.log, noise=alone.point.noise)
-    return _settled(quiet, alone.posterior) or whole
+    return _settled(point, alone.posterior, True)
 
 
 def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from deltac.arrays import NEGLIGIBLE, Array, max_norm
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
-from deltac.diagnosis.inference.hypotheses import Fit, nothing
+from deltac.diagnosis.inference.hypotheses import Fit, autocorrelation_time, nothing
 from deltac.diagnosis.inference.joint import joint_posterior
 from deltac.diagnosis.inference.result import Inference
 from deltac.diagnosis.inputs.channels import Gear
@@ -26,22 +26,26 @@ UNSEEN = 0.3
 
 def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanation]) -> Explanation:
     """The causes that several logs of one machine have together, in words; `each` is what one alone tells."""
-    joint = joint_posterior(inferences)
-    best, mechanism = joint.posterior.best, inferences[0].model.mechanism
+    posterior, blocks = joint_posterior(inferences)
+    best, mechanism = posterior.best, inferences[0].model.mechanism
+
+    def left(coefficients: Array) -> float:
+        return float(sum(block.projected.left(coefficients) for block in blocks))
 
     def causes(fit: Fit) -> tuple[Cause, ...]:
-        """Those of a set, the largest share first."""
-        named = _causes(mechanism, fit, joint.left, lambda k: joint.deviation(fit, k))
+        """Those of a set, the largest share first; errors by the slowest correlation of what is left."""
+        slowest = max(autocorrelation_time(b.residual(fit.coefficients)) for b in blocks)
+        named = _causes(mechanism, fit, left, lambda k: fit.deviation(k) * np.sqrt(slowest))
         return tuple(sorted(named, key=lambda cause: -cause.share))
 
     kind: Outcome = "unexplained" if any(one.kind == "unexplained" for one in each) else "nothing"
     if best.chosen:
-        kind = "ambiguous" if joint.posterior.alternatives else "explained"
+        kind = "ambiguous" if posterior.alternatives else "explained"
     return Explanation(
         kind,
         causes(best),
-        _explained(best, joint.left),
-        tuple(causes(fit) for fit in joint.posterior.alternatives),
+        _explained(best, left),
+        tuple(causes(fit) for fit in posterior.alternatives),
         "",
         tuple(n for n in each[0].unseen if all(n in one.unseen for one in each)),
         "samples" if all(one.form == "samples" for one in each) else "steps",

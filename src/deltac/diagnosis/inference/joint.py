@@ -7,7 +7,7 @@ the same in all of them: their Gram matrices, each in units of its own noise, ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from deltac.diagnosis.inference.hypotheses import (
     Block,
     Fit,
     Posterior,
-    autocorrelation_time,
     search,
 )
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
@@ -25,26 +24,8 @@ OF_ONE_MOTION = (*OF_THE_LOG, "missing-stop")
 """Causes whose columns are another log's, or lie where only one motion goes."""
 
 
-@dataclass(frozen=True, eq=False)
-class JointPosterior:
-    """What several logs say together: the posterior of the causes, and all whitened equations."""
-
-    posterior: Posterior
-    blocks: tuple[Block, ...]
-
-    def left(self, coefficients: Array) -> float:
-        """Sum of squares of all whitened equations with coefficients of causes (P,)."""
-        return float(sum(block.projected.left(coefficients) for block in self.blocks))
-
-    def deviation(self, fit: Fit, k: int) -> Array:
-        """Standard errors of the numbers of a cause, by the slowest correlation of what is left."""
-        residuals = (block.residual(fit.coefficients) for block in self.blocks)
-        slowest = max(map(autocorrelation_time, residuals))
-        return np.asarray(fit.deviation(k) * np.sqrt(slowest))
-
-
-def joint_posterior(inferences: Sequence[Inference]) -> JointPosterior:
-    """The causes that all logs have together, with their odds from all rows; one inference at least."""
+def joint_posterior(inferences: Sequence[Inference]) -> tuple[Posterior, tuple[Block, ...]]:
+    """The causes that all logs have together, with their odds from all rows; and all whitened equations."""
     inferences = [one.unbuilt or one for one in inferences]
     first = inferences[0]
     columns = [[c for kernels in one.kernels for c in kernels.columns] for one in inferences]
@@ -69,7 +50,7 @@ def joint_posterior(inferences: Sequence[Inference]) -> JointPosterior:
             squares[k] = sum(float(x @ b.projected.A[np.ix_(some, some)] @ x) for b in blocks)
         return np.sqrt(squares)
 
-    return JointPosterior(search(blocks, candidates, effects, 0.0), blocks)
+    return search(blocks, candidates, effects, 0.0), blocks
 
 
 def _of_columns(block: Block, places: Sequence[int]) -> Block:

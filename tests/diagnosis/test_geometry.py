@@ -339,7 +339,7 @@ def test_without_columns_of_the_geometry_there_are_no_causes_of_it() -> None:
             "body-position",
         ),
         *("joint-orientation", "body-orientation", "element-length", "attachment", "contact-size"),
-        "contact-position",
+        *("contact-position", "law-number"),
     }
 
 

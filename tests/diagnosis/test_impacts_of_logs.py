@@ -95,3 +95,31 @@ def test_rates_of_rows_at_the_time_of_an_event(t: list[float]) -> None:
     times = np.array(t)
     slope = 3.0 if times[-1] > times[0] else 0.0
     assert _rate(times, 3.0 * times[:, None])[:, 0] == pytest.approx([slope] * len(t), abs=1e-12)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize(("restitution", "step"), [(0.5, 0.04), (0.8, 0.01), (0.7, 0.04)])
+def test_impacts_of_whole_steps_accuse_nobody(
+    stopped: bool, restitution: float, step: float
+) -> None:
+    """Time stepping puts a ball back above the floor, or onto it, and leaves no impact in the log."""
+    rows = [(HEIGHT, 0.0)]
+    for _ in range(149):
+        q, u = rows[-1]
+        u -= step * GRAVITY
+        q += step * u
+        if q < 0.0:
+            q, u = (0.0 if stopped else -restitution * q), -restitution * u
+        rows.append((q, u))
+    q_, u_ = np.array(rows).T[:, :, None]
+    t = np.asarray(step * np.arange(150.0), dtype=float)
+    run = dc.Trajectory(t=t, q=q_, u=u_, coordinates=("height",), speeds=("height",))
+    assert dc.audit(problem(restitution), run).verdict.kind == "unresolved"
+
+
+def test_a_mistake_beside_impacts_is_told() -> None:
+    model = problem(0.8).mechanism.with_parameters(g=1.02 * GRAVITY)
+    audit = dc.audit(model, bounced(0.8))
+    assert audit.verdict.kind == "equation-error", audit.explain()
+    # Of a point mass on a slider that is all the same.
+    assert audit.causes[0].kind in ("gravity", "constant-force", "parameter")

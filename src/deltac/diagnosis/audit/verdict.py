@@ -225,11 +225,17 @@ class Judgement:
         """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one.
 
         Behind a filter that was undone, less may be left: it does in part what causes do, several of them
-        most of all.
+        most of all. Where a log leaves out impacts that the model has, only noise may be left: what is left
+        of them looks like any force.
         """
-        if self.inference is None or self.intermittent:
+        if self.inference is None:
             return False
-        undone = any(f.kind == "filtered" for f in self.noticed)
+        noticed = {f.kind for f in self.noticed}
+        if noticed & {"impacts", "impacts-by-law"} and self.inference.excess > KNOWN:
+            return True
+        if self.intermittent:
+            return False
+        undone = "filtered" in noticed
         several = len(self.inference.posterior.best.chosen) >= TOGETHER
         most = NEGLIGIBLE if several else SLIGHT
         return self.inference.incomplete or (undone and self.inference.unnamed > most)

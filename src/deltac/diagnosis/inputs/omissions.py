@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.results import number, percent
 from deltac.simulation.constraints.assembly import assemble
-from deltac.simulation.simulate import simulate
+from deltac.simulation.simulate import SimulationStoppedWarning, simulate
 from deltac.trajectories import Occurrence, Trajectory
 
 if TYPE_CHECKING:
@@ -169,8 +170,12 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
         try:
             if mechanism.constraints:
                 start = assemble(mechanism, start).state
-            own = simulate(mechanism, start, float(h[k]), float(h[k]))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SimulationStoppedWarning)
+                own = simulate(mechanism, start, float(h[k]), float(h[k]))
         except InputError:
+            return None
+        if not own.provenance.completed:  # impacts accumulate, and the contact lasts
             return None
         departs = run.u[k + 1] - own.u[-1]
         jump = sum((e.u_after - e.u_before for e in own.events), np.zeros_like(departs))

@@ -963,7 +963,7 @@ def _bullet_free(rng: np.random.Generator, wrong: bool) -> Run | None:
     kinds = {
         "gravity": plants.GRAVITY,
         "moments": ("body-moments", "body-moment", "body-inertia", "body-tensor"),
-        "damping": (*plants.DRAG, *plants.DAMPER),
+        "damping": (*plants.DRAG, *plants.DAMPER, "body-damping", "velocity-decay"),
     }
     habits = ("full", "thinned", "half", "decimals", "noise", "zero-phase", "uneven", "jittered")
     return Run(

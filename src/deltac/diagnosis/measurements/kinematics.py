@@ -45,6 +45,10 @@ OWN_QUADRATURE = 5 / 12
 
 That of Adams and Bashforth's method of two steps, the largest in use (Hairer, Nørsett, Wanner, §III.1)."""
 
+BEND = 1 / 6
+"""Error of a trapezoid in units of h δx', at most, where x'' falls to nothing between two rows: h² δx''/12 by
+the formula of Euler and Maclaurin, of an x'' that is 2 δx'/h at first."""
+
 SWINGING = float(np.tan(1.0)) - 1.0
 """Error of a trapezoid where forces are held from row to row: tan(x)/x − 1 of what swings by 2x between rows,
 up to a radian to either side."""
@@ -171,10 +175,12 @@ def compare(
     rest, barred, defect = _sizes(residual - by_scheme[:, None] * C), _sizes(bars), _sizes(residual)
     unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
     # Between rows at which forces change a motion may swing as nobody sees: trapezoids hold then, of another
-    # factor, and splines ring. A step from row to row is half a row late, or not at all.
+    # factor, and splines ring. A step from row to row is half a row late, or not at all. Or it may bend, and
+    # something of that is left.
     of_steps = np.abs(2.0 * late - np.round(2.0 * late)) < NEGLIGIBLE
     kinked = (by_splines > 2.0) & ~of_steps
-    bent = SWINGING * kinked + 4.0 * unsteady * np.minimum(by_splines, 1.0)
+    bend = np.minimum(BEND * _sizes(L) / _sizes(I), unsteady / NEGLIGIBLE)
+    bent = SWINGING * kinked + bend * np.minimum(by_splines, 1.0)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike + bent
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     instant = _sizes(L) > 4.0 * _sizes(noise)

@@ -26,6 +26,7 @@ from deltac.diagnosis.inference.methods import (
     SOME,
     SQUARES,
     best_of,
+    by_own_steps,
     closest,
     log_evidence,
     maps_by_parts,
@@ -191,6 +192,7 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
             continue
         likely = {*methods.ends, *methods.others}
         near = near or tuple(of.method for of in ends if of in likely)
+        methods = by_own_steps(at, methods)
         first = methods.ends[0] if methods.floor < SQUARES * methods.alone else None
         if methods.may_close(series, posterior.best):
             alike, rows, other = best_of(at, methods, before, measured and measured[1])

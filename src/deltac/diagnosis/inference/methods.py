@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ class Methods:
     ends    their maps that do so alike, the best first; `others` are next to them
     floor   least sum of squares that all causes leave beside one; `floors` of each that was compared
     alone   what that leaves without causes
+    blocks  equations beside the first few, where these were asked for
     """
 
     ends: list[Map]
@@ -56,6 +57,12 @@ class Methods:
     floor: float
     floors: Array
     alone: float
+    blocks: tuple[Block, ...] = ()
+
+    @property
+    def few(self) -> list[Map]:
+        """The first few of all."""
+        return [*self.ends, *self.others][:ALIKE]
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
@@ -120,6 +127,16 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
         yield from maps(flow.plant, intervals, force, flow.counts, k, [method])
 
 
+def by_own_steps(at: Regression, methods: Methods) -> Methods:
+    """The methods, with the floor that causes leave in their own steps where the series' leave some."""
+    low, high = SQUARES * methods.alone, SOME * methods.alone
+    if not len(at.point.coefficients) or not low < methods.floor < high:
+        return methods
+    blocks = tuple(at.beside(of) for of in methods.few)
+    floor = min(block.floor * block.count for block in blocks)
+    return replace(methods, floor=floor, blocks=blocks)
+
+
 def best_of(
     at: Regression, methods: Methods, before: Posterior | None, measured: Posterior | None
 ) -> tuple[list[Map], Block, Posterior]:
@@ -129,8 +146,8 @@ def best_of(
     all do, those near are tried as well. Causes are those `measured` by accelerations, if there are any.
     """
     trials, ends = list[tuple[Block, Posterior]](), methods.ends
-    for of in [*ends, *methods.others][:ALIKE]:
-        block = at.beside(of)
+    for k, of in enumerate(methods.few):
+        block = methods.blocks[k] if methods.blocks else at.beside(of)
         trials.append((block, measured or searched(at, block, before)))
         misfit = block.misfit(trials[-1][1].best.coefficients)
         explained = misfit <= max(FAR * methods.floor, block.least)

@@ -50,7 +50,7 @@ FINDINGS: dict[str, str] = {
     "missing-friction": "the run has dry friction that is not in the model",
     "missing-drag": "the run has quadratic drag that is not in the model",
     "body-damping": "the run has a viscous drag of a body that is not in the model",
-    "velocity-decay": "the simulator takes momentum from all bodies, by a damping that is not in the model",
+    "velocity-decay": "all bodies lose momentum by a damping that is not in the model",
     "missing-stop": "the run has a joint stop that is not in the model",
     "missing-spring": "the run has a spring that is not in the model",
     "missing-rotor-inertia": "the run has a rotor inertia that is not in the model",

@@ -66,9 +66,9 @@ def replayed(
 ) -> Attempt:
     """Every step of a log's motion, and whether it is the model's.
 
-    Unless it is `required`, only a log that lacks forces which its MJCF model has is stepped, and kept only
-    where its first rows are reproduced: else model, step or controls are others than those of the log, which
-    is then judged as it is, for nobody claimed that they are the same. A finding says why.
+    Unless it is `required`, only a log that lacks forces which its model has is stepped, not that of a URDF
+    file, and kept only where its first rows are reproduced: else model, step or controls are not those of
+    the log, which is then judged as it is, for nobody claimed that they are the same. A finding says why.
 
     Raises InputError for a model or a log that cannot be stepped, if the replay is required.
     """

@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.arrays import NEGLIGIBLE, Array
+from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
 from deltac.diagnosis.inference.forces import FORCES
-from deltac.diagnosis.inference.hypotheses import CERTAIN, TOGETHER
+from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.integrators import NEAR
 from deltac.diagnosis.inference.result import (
     KNOWN,
@@ -224,21 +224,15 @@ class Judgement:
     def incomplete(self) -> bool:
         """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one.
 
-        Behind a filter that was undone, less may be left: it does in part what causes do, several of them
-        most of all. Where a log leaves out impacts that the model has, only noise may be left: what is left
-        of them looks like any force.
+        Where a filter was undone, or a log leaves out impacts that the model has, only noise may be left:
+        what is left of these looks like any force.
         """
         if self.inference is None:
             return False
-        noticed = {f.kind for f in self.noticed}
-        if noticed & {"impacts", "impacts-by-law"} and self.inference.excess > KNOWN:
+        undone = {f.kind for f in self.noticed} & {"filtered", "impacts", "impacts-by-law"}
+        if undone and self.inference.excess > KNOWN:
             return True
-        if self.intermittent:
-            return False
-        undone = "filtered" in noticed
-        several = len(self.inference.posterior.best.chosen) >= TOGETHER
-        most = NEGLIGIBLE if several else SLIGHT
-        return self.inference.incomplete or (undone and self.inference.unnamed > most)
+        return self.inference.incomplete and not self.intermittent
 
     @cached_property
     def integrator(self) -> float:

@@ -159,7 +159,7 @@ KINDS = {
         "positive",
     ),
     "velocity-decay": CauseKind(
-        "all bodies lose {shown} {unit} of their momentum, as under {origin}",
+        "all bodies lose momentum at a rate of {shown} {unit}, as under {origin}",
         "Switch this damping of the engine off, or give the model a force like it",
         "decay",
         "1/s",

@@ -623,8 +623,8 @@ def search(
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
 
-    def beside_them(without: Fit, wanted: int) -> list[tuple[float, Fit]]:
-        """Sets of one cause more, with their odds: the likeliest, and so many at least."""
+    def extended(without: Fit, wanted: int) -> list[tuple[float, Fit]]:
+        """A set with one cause more, each with its odds: by the likeliest, and so many at least."""
         fits, top = list[tuple[float, Fit]](), CERTAIN
         for bound, c in _ordered(blocks, without, candidates):
             if len(fits) >= wanted and bound < top - CERTAIN:
@@ -642,7 +642,7 @@ def search(
         return fits
 
     for _ in range(most):
-        fits = beside_them(best, 0 if scores else SHORTLIST)
+        fits = extended(best, 0 if scores else SHORTLIST)
         alone = max(fits, key=lambda item: item[0])[1] if fits else best
         for pair in _of_one_body(best, candidates) if pairs else ():
             fit = fitted(blocks, (*best.chosen, *pair), best.theta)
@@ -658,13 +658,13 @@ def search(
             break
         near = [f for e, f in fits if e >= fits[0][0] - CERTAIN]
         best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
-        # What was found alone may have stood for another cause, beside which the others explain more.
+        # A cause that was found before the others may have stood for one that explains more beside them.
         for k in range(len(best.chosen) - 1):
             if all(b.misfit(best.coefficients) <= b.count for b in blocks):
                 break
             others = _without(blocks, best, k)
             now = evidence(blocks, others, best, len(candidates), False)
-            odds, other = max(beside_them(others, 0), key=lambda item: item[0], default=(now, best))
+            odds, other = max(extended(others, 0), key=lambda item: item[0], default=(now, best))
             if odds > now + CERTAIN:
                 best, near = other, [other]
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))

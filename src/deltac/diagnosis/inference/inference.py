@@ -610,7 +610,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             moved, point, best = own, own.point, own.posterior.best
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
-            # Beside another method than before it is of another scale.
+            # Sums of squares beside different methods do not compare.
             halved = 2.0 * left <= start and (2.0 * start <= reached or own.methods != closing)
             last = rival or turn + 1 >= RELINEARISATIONS or before.best.settled(best)
             reached = start

@@ -174,9 +174,9 @@ def compare(
     by_scheme = np.clip(np.sum(keep * C * residual, axis=-1) / squares, -most, most)
     rest, barred, defect = _sizes(residual - by_scheme[:, None] * C), _sizes(bars), _sizes(residual)
     unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
-    # Between rows at which forces change a motion may swing as nobody sees: trapezoids hold then, of another
-    # factor, and splines ring. A step from row to row is half a row late, or not at all. Or it may bend, and
-    # something of that is left.
+    # Where forces change at the rows, nothing tells how a rate runs between them. If it swings, trapezoids
+    # of another factor fit and splines, which are smooth at the rows, do not; so it is with a scheme that
+    # steps from row to row, half a row late or not at all. If the rate only bends, some of that is left.
     of_steps = np.abs(2.0 * late - np.round(2.0 * late)) < NEGLIGIBLE
     kinked = (by_splines > 2.0) & ~of_steps
     bend = np.minimum(BEND * _sizes(L) / _sizes(I), unsteady / NEGLIGIBLE)

@@ -18,7 +18,7 @@ from deltac.arrays import Array
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
-from deltac.dynamics.system import Link
+from deltac.dynamics.system import Link, System
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import JOINT_KINDS
@@ -210,24 +210,34 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
     A = accelerations(s, V, equations.symbols.udot, base)
     steady = accelerations(s, V, ca.SX.zeros(s.u_all.shape[0]), None)
     changes: dict[Column, SX] = {}
-    for k, link in enumerate(s.links):
-        if s.mechanism.body(link.joint.child).massless:
+    for k, (link, along) in enumerate(zip(s.links, partial_velocities(s))):
+        body = link.joint.child
+        if s.mechanism.body(body).massless:
             continue
         turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
-        changes[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
         J = central_inertia(link)
         moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
-        own = gather(s, {k: ca.vertcat(moment, ca.SX.zeros(3))})
-        changes[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
+        wrenches = {
+            Column("velocity", body): -turning,
+            Column("gyroscopic", body): -ca.vertcat(moment, ca.SX(3, 1)),
+        }
         for index, inertia in enumerate(_unit_inertias()):
             F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
-            changes[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
+            wrenches[Column("inertia", body, index)] = -F
             if base is not None and index < 4:
                 weight = inertia @ ca.vertcat(ca.SX.zeros(3), s.poses[k].E @ s.gravity)
-                changes[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[
-                    s.free_u
-                ]
+                wrenches[Column("weight", body, index)] = weight
+        changes |= {column: ca.mtimes(along.T, F) for column, F in wrenches.items()}
     return changes
+
+
+def partial_velocities(s: System) -> list[SX]:
+    """What each free speed adds to the spatial velocity of each link: matrices (6, n), V = X V_parent + S u.
+
+    The generalized forces of a wrench at a link are its products with them (Kane & Levinson 1985, 4.4).
+    """
+    unit = ca.SX.eye(s.u_all.shape[0])[:, s.free_u]
+    return [ca.sparsify(x) for x in velocities(s, unit)]
 
 
 def computes_weight(equations: LogEquations) -> bool:
@@ -347,41 +357,40 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
 def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     """Constant forces at mass centres, and constant moments; drag, and what engines take from all bodies."""
     s = equations.symbols.system
-    V = velocities(s, s.u_all)
+    V, nothing = velocities(s, s.u_all), ca.SX(3, 1)
     changes: dict[Column, SX] = {}
-    decays = [ca.SX(len(s.free_u), 1) for _ in range(4)]
-    free, moving = {int(k) for k in s.free_u}, list[set[int]]()
-    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
-        own = free & set(range(link.u.start, link.u.start + link.S.shape[1]))
-        moving.append(own | (moving[link.parent] if link.parent >= 0 else set()))
+    decays: list[dict[int, SX]] = [{} for _ in range(4)]
+    for k, (link, pose, along) in enumerate(zip(s.links, s.poses, partial_velocities(s))):
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue
         w = V[k][:3]
         v, L = V[k][3:] + cross(w, link.centre), ca.mtimes(central_inertia(link), w)
-        at_centre = gather(s, {k: -ca.vertcat(cross(link.centre, v), v)})[s.free_u]
-        turning, moment = (gather(s, {k: -ca.vertcat(x, ca.SX(3, 1))})[s.free_u] for x in (L, w))
-        if len(moving[k]) > 1:  # else they are dampers of its joint
-            changes[Column("damper of a body", body, 0)] = at_centre
-            changes[Column("damper of a body", body, 1)] = moment
-        changes[Column("drag of a body", body)] = ca.norm_2(v) * at_centre
-        decays[0] += link.mass * at_centre
-        decays[1] += link.mass * ca.norm_2(v) * at_centre
-        decays[2] += turning
-        decays[3] += ca.norm_2(w) * turning
+        at_centre, turning, moment = (
+            -ca.vertcat(x, y) for x, y in ((cross(link.centre, v), v), (L, nothing), (w, nothing))
+        )
+        wrenches: dict[Column, SX] = {}
+        if len(set(along.sparsity().get_col())) > 1:  # else they are dampers of its joint
+            wrenches[Column("damper of a body", body, 0)] = at_centre
+            wrenches[Column("damper of a body", body, 1)] = moment
+        wrenches[Column("drag of a body", body)] = ca.norm_2(v) * at_centre
+        of_mass = link.mass * at_centre
+        losses = of_mass, ca.norm_2(v) * of_mass, turning, ca.norm_2(w) * turning
+        for decay, wrench in zip(decays, losses):
+            decay[k] = wrench
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
-            nothing = ca.SX(3, 1)
-            wrenches: dict[What, SX] = {
-                "force": ca.vertcat(cross(link.centre, world), world),
-                "moment": ca.vertcat(world, nothing),
-                "body-force": ca.vertcat(cross(link.centre, own), own),
-                "body-moment": ca.vertcat(own, nothing),
+            wrenches |= {
+                Column("force", body, axis): ca.vertcat(cross(link.centre, world), world),
+                Column("moment", body, axis): ca.vertcat(world, nothing),
+                Column("body-force", body, axis): ca.vertcat(cross(link.centre, own), own),
+                Column("body-moment", body, axis): ca.vertcat(own, nothing),
             }
-            for what, wrench in wrenches.items():
-                changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
-    if len(free) > 1:
-        changes |= {Column("decay", "", k): x for k, x in enumerate(decays)}
+        changes |= {column: ca.mtimes(along.T, F) for column, F in wrenches.items()}
+    if len(s.free_u) > 1:
+        changes |= {
+            Column("decay", "", k): gather(s, decay)[s.free_u] for k, decay in enumerate(decays)
+        }
     return changes
 
 

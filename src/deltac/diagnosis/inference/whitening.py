@@ -57,7 +57,8 @@ class Innovations:
         y = self._without_speeds(columns)
         r = inverse @ self._grouped(y, scale[:, :, None])
         # Forward substitution block by block, all columns at once; what is precomputed is of all blocks.
-        carry, wide = inverse[1:] @ below[:-1], below.shape[2]
+        wide = below.shape[2]
+        carry = inverse[1:, :, :wide] @ below[:-1]
         for k in range(1, len(r)):
             r[k] -= carry[k - 1] @ r[k - 1, -wide:]
         return r.reshape(-1, *y.shape[1:])[: len(y)], log_det
@@ -74,7 +75,7 @@ class Innovations:
         back, up = inverse.transpose(0, 2, 1), below.transpose(0, 2, 1)
         x[-1] = back[-1] @ x[-1]
         for k in reversed(range(len(x) - 1)):
-            x[k, -wide:] -= up[k] @ x[k + 1]
+            x[k, -wide:] -= up[k] @ x[k + 1, :wide]
             x[k] = back[k] @ x[k]
         x = x.reshape(-1, *r.shape[1:])[: len(r)] / scale[:, :, None]
         start, end = (y[:, :, None] ** 2 for y in self.noise)
@@ -154,34 +155,32 @@ class Innovations:
         S, *off = self._covariance()
         N, m = S.shape[:2]
         scale = np.sqrt(np.einsum("kii->ki", S))
-        S = S / (scale[:, :, None] * scale[:, None, :])
-        S[:, np.arange(m), np.arange(m)] += RIDGE
-        blocks = -(-N // self._group)
-        band = np.zeros(((len(off) + 1) * m, blocks * self._group, m))
-        band[0, N:] = 1.0
-        for j in range(m):
-            band[: m - j, :N, j] = S[:, j:, j].T
-        for lag, C in enumerate(off, 1):
-            C[:-lag] /= scale[lag:, :, None] * scale[:-lag, None, :]
-            for j in range(m):
-                band[lag * m - j : (lag + 1) * m - j, :N, j] += C[:, :, j].T
-        factor, info = lapack.dpbtrf(band.reshape(len(band), -1), lower=1, overwrite_ab=1)
-        if info:
-            raise np.linalg.LinAlgError(
-                "the covariance of the prediction errors is not positive definite"
-            )
-        log_det = float(np.log(factor[0]).sum() + np.log(scale).sum())
-        size, wide = self._group * m, len(off) * m
-        factor = factor.reshape(len(band), blocks, size)
-        diagonal, below = np.zeros((blocks, size, size)), np.zeros((blocks, size, wide))
-        for j in range(size):
-            depth = len(band) - j % m  # of the column: what is below is zero
-            inside = min(size - j, depth)
-            diagonal[:, j : j + inside, j] = factor[:inside, :, j].T
-            if inside < depth:
-                below[:, : depth - inside, j - size] = factor[inside:depth, :, j].T
-        inverse: Array = np.asarray(np.linalg.inv(diagonal), dtype=float)
-        return inverse, below, np.asarray(scale), log_det
+        S[:, np.arange(m), np.arange(m)] *= 1.0 + RIDGE
+        group, wide = self._group, len(off) * m
+        blocks = -(-N // group)
+        inverse = np.zeros((blocks, group, m, group, m))
+        below = np.zeros((blocks, len(off), m, len(off), m))
+        for i in range(N - blocks * group, 0):
+            inverse[-1, i, :, i] = np.eye(m)
+        for lag, C in enumerate([S, *off]):
+            C[: N - lag] /= scale[lag:, :, None] * scale[: N - lag, None, :]
+            for i in range(group):
+                part, ahead = C[i::group], i + lag - group
+                of = below[:, ahead] if ahead >= 0 else inverse[:, ahead]
+                of[: len(part), :, i - group] = part
+        inverse, below = inverse.reshape(blocks, group * m, -1), below.reshape(blocks, wide, wide)
+        for k in range(blocks):
+            if k:
+                inverse[k, :wide, :wide] -= below[k - 1] @ below[k - 1].T
+            U, info = lapack.dpotrf(inverse[k].T, overwrite_a=1)
+            if info:
+                raise np.linalg.LinAlgError(
+                    "the covariance of the prediction errors is not positive definite"
+                )
+            inverse[k] = lapack.dtrtri(U, overwrite_c=1)[0].T
+            below[k] = below[k] @ inverse[k, -wide:, -wide:].T
+        log_det = np.log(scale).sum() - np.log(np.einsum("kii->ki", inverse)).sum()
+        return inverse, below, scale, float(log_det)
 
     def _covariance(self) -> list[Array]:
         """Covariances (N, d, d) of the blocks with themselves, and of later ones with them, by lag."""

@@ -593,10 +593,10 @@ def _at_causes(
 def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:
     """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
-    It goes on as long as a step takes away more than it leaves, and the one before did: what it leaves then
-    is no curvature. A `rival` goes no further.
+    It goes on as long as a step takes away more than it leaves, and the one before did, or was beside another
+    method: what it leaves then is no curvature. A `rival` goes no further.
     """
-    moved, reached = None, np.inf
+    moved, reached, earlier = None, np.inf, set[tuple[str, ...]]()
     try:
         for turn in count():
             before, closing = (moved.posterior, moved.methods) if moved else (found, ())
@@ -610,10 +610,12 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             moved, point, best = own, own.point, own.posterior.best
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
-            # Sums of squares beside different methods do not compare.
-            halved = 2.0 * left <= start and (2.0 * start <= reached or own.methods != closing)
+            # Sums of squares beside different methods do not compare; two may lead to each other.
+            names = tuple(method.name for method in own.methods)
+            halved = 2.0 * left <= start and (2.0 * start <= reached or names not in earlier)
             last = rival or turn + 1 >= RELINEARISATIONS or before.best.settled(best)
             reached = start
+            earlier.add(names)
             if start <= KNOWN * block.least or (last and not halved):
                 break
     except NO_MOTION:

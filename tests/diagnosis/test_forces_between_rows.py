@@ -317,3 +317,50 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     exact = 0.5 * explained @ np.linalg.solve(S, explained) - 0.5 * np.linalg.slogdet(S)[1]
     # The variance of the noise is estimated: that is a matter of p/N of the likelihood.
     assert told == pytest.approx(exact, abs=1.0)
+
+
+def test_splines_of_two_orders_tell_what_a_spline_lacks_of_a_force() -> None:
+    """Of a sine of 0.8 rad a row its mean over each interval is known: (cos ωt₀ − cos ωt₁)/ωh.
+
+    A spline lacks (ωh)⁴/720 of it, and several times as much at the ends; the next order lacks (ωh)² of that.
+    """
+    h, omega = 0.1, 8.0
+    t = h * np.arange(21.0)
+    F = np.sin(omega * t)[:, None]
+    none = np.zeros((20, 0))
+    start, end = (Rows(s, none, none, x) for s, x in ((t[:-1], F[:-1]), (t[1:], F[1:])))
+    force = LoggedForce.of(Intervals(start, end), [(0, 20)])
+    course = force.first + 0.5 * force.change + (force.bends[0] - force.bends[1]) / 12.0
+    true = -np.diff(np.cos(omega * t))[:, None] / (omega * h)
+    lacking = true - course
+    assert np.abs(lacking[[0, -1]]).max() > 5.0 * np.abs(lacking[4:-4]).max()
+    assert force.gap == pytest.approx(lacking, abs=(omega * h) ** 2 * np.abs(lacking).max())
+    assert np.all(np.abs(lacking) <= 2.0 * (force.doubt + force.ends))
+
+
+@pytest.mark.parametrize("seed", repeated((39, 55, 63, 84, 90, 104, 118), 39, 63, 84))
+def test_a_torque_that_swings_between_rows_accuses_nobody(seed: int) -> None:
+    """Rows of 25 steps, in which the torque turns by a radian: no gear, spring or gravity is wrong."""
+    rng = np.random.default_rng(seed)
+    size, omega, phase = rng.uniform(0.5, 3.0), rng.uniform(2.0, 9.0), rng.uniform(0.0, 6.0)
+    x, length = np.array([rng.uniform(-1.0, 1.0), 0.0]), rng.uniform(0.5, 1.0)
+    h, damping, rows, torques = 5e-3, 0.1, list[Array](), list[float]()
+
+    def rate(x: Array, torque: float) -> Array:
+        return np.array([x[1], (torque - damping * x[1]) / length**2 - G / length * np.sin(x[0])])
+
+    for k in range(401):
+        torque = size * np.sin(omega * k * h + phase) - 0.4 * float(x[1])
+        if k % 25 == 0:
+            rows.append(x)
+            torques.append(torque)
+        first = rate(x, torque)
+        x = x + 0.5 * h * (first + rate(x + h * first, torque))
+    y = np.array(rows) + 1e-4 * rng.standard_normal((17, 2))
+    run = dc.Trajectory(
+        t=25 * h * np.arange(17.0), q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        forces={"actuator motor": np.array(torques)[:, None]}, provenance=dc.Provenance("hand"),
+    )  # fmt: skip
+    hinge = dc.revolute("j", "ground", "bob", child_position=(0, length, 0), damping=damping)
+    audit = dc.audit(dc.Mechanism([dc.point_mass("bob", 1.0)], [hinge], gravity=(0, -G, 0)), run)
+    assert audit.verdict.kind != "equation-error"

@@ -18,6 +18,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
+from deltac.diagnosis.inference import inference
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import LoggedForce
@@ -30,7 +31,7 @@ from deltac.diagnosis.inference.hypotheses import (
 )
 from deltac.diagnosis.inference.inference import infer, inferred, likeliest
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
-from deltac.diagnosis.inference.linearisation import start
+from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, start
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.regression import moved_by
@@ -639,24 +640,6 @@ def test_a_torque_of_the_instant_accuses_nobody(h: float) -> None:
     assert dc.audit(mechanism, run).verdict.kind == "consistent"
 
 
-def test_forces_between_rows_are_splines_within_their_doubt() -> None:
-    """Means of a sine over each interval: the error is of fourth order, the doubt of third."""
-    h = 0.05
-    t = np.arange(41) * h
-    rows = [
-        Rows(x, np.zeros((40, 0)), np.zeros((40, 0)), np.sin(3.0 * x)[:, None])  # type: ignore[arg-type]
-        for x in (t[:-1], t[1:])
-    ]
-    force = LoggedForce.of(Intervals(*rows), [(0, 40)])  # type: ignore[arg-type]
-    s, w = np.polynomial.legendre.leggauss(4)
-    between = force(("smooth",))
-    mean = sum(b * between(0.5 + 0.5 * a) for a, b in zip(s, w / 2.0, strict=True))[:, 0]
-    error = np.abs(mean - (np.cos(3.0 * t[:-1]) - np.cos(3.0 * t[1:])) / (3.0 * h))
-    inner = slice(4, -4)  # a spline's ends are of lower order
-    assert error[inner].max() < 0.01 * (3.0 * h) ** 4
-    assert np.all(error <= force.doubt[:, 0] + 1e-12)
-
-
 def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> None:
     run = log(rk4, 2e-3)
     closed = infer(MECHANISM, run)
@@ -793,3 +776,26 @@ def test_laws_of_time_go_through_the_filter_of_a_log() -> None:
     assert told.factor == pytest.approx(2e-3 * delay[0], rel=1e-3)
     wrong = dc.audit(driven(0.3 / 1.05), late)
     assert wrong.verdict.kind == "equation-error"
+
+
+def test_causes_settle_beside_a_method_that_is_fitted_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each turn leaves a quarter of what the same point has, beside a method that was made for it."""
+    turns = list[object]()
+    best = SimpleNamespace(
+        chosen=(SimpleNamespace(kind="damping"),), coefficients=1.0, settled=lambda other: False
+    )
+
+    def linearised(point: Any, found: Any, methods: Any = ()) -> Any:
+        turns.append(point)
+        assert len(turns) < 20
+        return SimpleNamespace(
+            point=SimpleNamespace(coefficients=4.0),
+            posterior=SimpleNamespace(best=best),
+            blocks=[SimpleNamespace(misfit=float, least=1e-12)],
+            methods=(replace(INTEGRATORS[0]),),
+        )
+
+    monkeypatch.setattr(inference, "_linearised", linearised)
+    monkeypatch.setattr(inference, "_late_forces", lambda point, best: [])
+    assert inference._settled(cast(Any, None), cast(Any, SimpleNamespace(best=best))) is not None
+    assert len(turns) == RELINEARISATIONS

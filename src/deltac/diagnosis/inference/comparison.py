@@ -39,7 +39,7 @@ from deltac.diagnosis.inference.regression import (
     searched,
     with_likelier_noise,
 )
-from deltac.diagnosis.inference.result import KNOWN
+from deltac.diagnosis.inference.result import KNOWN, OF_THE_LOG
 
 SMOOTHINGS = 2
 """Times that the likeliest states are taken anew: twice the digits of the speeds each."""
@@ -101,6 +101,11 @@ class HypothesisComparison:
         """Whether a method leaves nothing but the noise of the rows."""
         rss = self.rows.projected.left(self.posterior.best.coefficients)
         return bool(self.maps) and rss <= self.rows.count
+
+    @property
+    def accuses(self) -> bool:
+        """Whether causes are of the equations, and not of the log alone."""
+        return any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
 
     @property
     def exact(self) -> bool:

@@ -14,10 +14,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import simpson
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
+from scipy.interpolate import CubicHermiteSpline
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Intervals
+from deltac.trajectories.splines import spline_integrals, spline_rates
 
 
 class ForceBetween(Protocol):
@@ -59,6 +60,10 @@ SUBDIVISIONS = 4
 """Parts of an interval in which a force that is filtered counts as constant."""
 
 
+CUBIC, QUINTIC = 3, 5
+"""Degrees of the spline by which smooth forces act, and of that which tells what it lacks: much at the ends,
+where it is known by rows of one side alone."""
+
 KEPT_FRACTIONS = 32
 """Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
 
@@ -67,15 +72,17 @@ KEPT_FRACTIONS = 32
 class LoggedForce:
     """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
 
-    `doubt` (N, m): by how much their mean over an interval differs between splines of two orders, at most;
-    `gap` (N, m): by how much it does; `counts` (N,): times in each interval that they are held.
+    `gap` (N, m): by how much their mean over an interval differs between splines of two orders; `doubt`: the
+    same at most; `ends`: the doubt of the first and the last interval of a piece, of which rows on one side
+    alone tell; `counts` (N,): times in each interval that they are held.
     """
 
     first: Array
     change: Array
     bends: tuple[Array, Array]
-    doubt: Array
     gap: Array
+    doubt: Array
+    ends: Array
     counts: NDArray[np.intp]
 
     def part(self, which: int, s: float | Array, begin: float | Array | None = None) -> Array:
@@ -112,8 +119,8 @@ class LoggedForce:
         """Those in some of the intervals."""
         first, last = self.bends
         return LoggedForce(
-            self.first[which], self.change[which], (first[which], last[which]), self.doubt[which],
-            self.gap[which], self.counts[which],
+            self.first[which], self.change[which], (first[which], last[which]), self.gap[which],
+            self.doubt[which], self.ends[which], self.counts[which],
         )  # fmt: skip
 
     @staticmethod
@@ -164,23 +171,31 @@ class LoggedForce:
             *middle, last = intervals.stages
             bend = 4.0 * np.mean(middle, axis=0) - 2.0 * (first + last) if middle else 0.0 * first
             none = np.zeros_like(first)
-            return LoggedForce(first, last - first, (bend, -bend), none, none, counts)
+            return LoggedForce(first, last - first, (bend, -bend), none, none, none, counts)
         slopes = [np.zeros_like(first), np.zeros_like(first)]
-        doubt, gap = np.zeros_like(first), np.zeros_like(first)
+        gap, doubt, ends = (np.zeros_like(first) for _ in range(3))
         for a, b in pieces:
             t = np.append(intervals.start.t[a:b], intervals.end.t[b - 1])
             F = np.concatenate([first[a:b], intervals.end.F[b - 1 : b]])
             rate = lower = np.gradient(F, t, axis=0, edge_order=2 if len(t) > 2 else 1)
-            if len(t) > 3:
-                rate = CubicSpline(t, F, axis=0)(t, 1)
+            if len(t) > CUBIC:
+                rate = spline_rates(t, F, CUBIC)
             slopes[0][a:b], slopes[1][a:b] = rate[:-1], rate[1:]
             # The mean of s(1 − s)² and of s²(1 − s) is 1/12 each.
             by = rate - lower
-            doubt[a:b] = h[a:b] * (np.abs(by[:-1]) + np.abs(by[1:])) / 12.0
             gap[a:b] = h[a:b] * (by[:-1] - by[1:]) / 12.0
+            doubt[a:b] = h[a:b] * (np.abs(by[:-1]) + np.abs(by[1:])) / 12.0
+            if len(t) > QUINTIC:
+                outer = [a, b - 1]
+                ends[outer] = doubt[outer]
+                higher, cubic = (spline_integrals(t, F, k) for k in (QUINTIC, CUBIC))
+                gap[a:b] = (higher - cubic) / h[a:b]
+                # What is doubted passes zero, and the doubt does not.
+                near = np.pad(np.abs(gap[a:b]), ((1, 1), (0, 0)))
+                doubt[a:b] = np.max([near[:-2], near[1:-1], near[2:]], axis=0)
         bends = h * slopes[0] - change, h * slopes[1] - change
         counts = np.ones(len(h), dtype=np.intp) if counts is None else counts
-        return LoggedForce(first, change, bends, doubt, gap, counts)
+        return LoggedForce(first, change, bends, gap, doubt, ends, counts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,7 +91,10 @@ def closed_by_other_forces(
             if other is None or few is not moved:
                 other = compared(moved)
             others.append(other)
-            if (other.closing or late) and other.evidence > likeliest.evidence:
+            # How forces act is not known: what closes without a mistake in one way needs none in another.
+            needless = other.accuses and likeliest.closing and not likeliest.accuses
+            right = other.closing or (late and not other.accuses)
+            if right and not needless and other.evidence > likeliest.evidence:
                 likeliest = other
     return likeliest, others if likeliest is comparison else []
 
@@ -188,7 +191,8 @@ def left_by_shifts(point: Point) -> dict[int, float]:
     """Variance of the prediction errors if forces act so many rows later than they were logged.
 
     By the number of rows, in units of the known noise, beside the columns of causes that the point has. A
-    command may be logged steps before it acts, or after; between rows it is held or smooth.
+    command may be logged steps before it acts, or after; between rows it is held or smooth. Empty where fewer
+    numbers tell of it than an integrator has: those explain whatever is left.
     """
     log, forces, nodes = point.log, point.forces, np.linspace(0.0, 1.0, 5)
     now = np.stack([forces.between(s) for s in nodes])
@@ -205,6 +209,8 @@ def left_by_shifts(point: Point) -> dict[int, float]:
     of_causes = np.eye(len(point.coefficients))[:, point.of_equations]
     trial = _beside(point, np.column_stack([of_causes, point.coefficients]), columns, whole)
     left: dict[int, float] = {}
+    if trial.count < len(trial.nuisance):
+        return left
     for m, rss in zip(late, _left(trial).tolist(), strict=True):
         left[m] = min(rss / trial.count, left.get(m, np.inf))
     return left

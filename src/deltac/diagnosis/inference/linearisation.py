@@ -69,7 +69,7 @@ from deltac.diagnosis.residuals.at_samples import STIFFEST
 from deltac.errors import InputError
 from deltac.trajectories import Trajectory
 
-SHARES = (0.0, 0.01, 0.1, 1.0)
+SHARES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
 
 ACROSS = 1e3
@@ -509,7 +509,7 @@ def _unknown(
     digits, noise = log.of_forces
     coarse = np.any(digits > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
     smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
-    doubt = np.where(smooth, force.doubt, 0.0)
+    doubt, ends = (np.where(smooth, x, 0.0) for x in (force.doubt, force.ends))
     some = coarse.any() or noise.any() or lost.any() or doubt.any()
     own, white, moves = list[Array](), list[Array](), list[Array]()
     for k, response in enumerate(flow.force_responses if some else []):
@@ -518,11 +518,11 @@ def _unknown(
             columns.append(np.concatenate([0.5 * h * du, du], axis=1))
         bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
         anything = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
-        size = np.where(lost, anything, doubt[:, k])
-        if size.any():
-            du = response * (h[:, 0] * size)[:, None]
-            moves.append(np.concatenate([0.5 * h * du, du], axis=1))
-            moves.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
+        for columns, size in ((own, ends[:, k]), (moves, np.where(lost, anything, doubt[:, k]))):
+            if size.any():
+                du = response * (h[:, 0] * size)[:, None]
+                columns.append(np.concatenate([0.5 * h * du, du], axis=1))
+                columns.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
     Q, of_noise, between = Q + _outer(own, Q), _outer(white, Q), _outer(moves, Q)
     across = np.zeros_like(Q)
     if model.rows_of_G:

@@ -299,15 +299,16 @@ def _between_rows(point: Point) -> Array:
     """
     forces, h = point.forces, point.log.intervals.h
     logged = forces.logged
-    other = {"ramp": (logged.bends[0] - logged.bends[1]) / 12.0}
-    other |= {"smooth": logged.gap, "step": logged.gap}
+    bend, gap = (logged.bends[0] - logged.bends[1]) / 12.0, logged.gap
+    other = {"ramp": (bend, gap), "smooth": (gap,), "step": (gap,)}
     columns = [np.zeros((len(h), 2 * point.model.n, 0))]
     each = list(zip(forces.kinds, forces.declared, strict=True))
     doubted = [k for k, (kind, declared) in enumerate(each) if kind in other and not declared]
     for k, response in enumerate(point.flow.force_responses if doubted else ()):
-        if k in doubted and np.any(size := other[forces.kinds[k]][:, k : k + 1]):
-            du = response * h * size
-            columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])
+        for size in other[forces.kinds[k]] if k in doubted else ():
+            if np.any(size[:, k]):
+                du = response * h * size[:, k : k + 1]
+                columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])
     return np.concatenate(columns, axis=2)
 
 

@@ -118,6 +118,29 @@ def test_a_time_limit_leaves_out_what_nobody_asked_for_and_says_so() -> None:
         dc.audit(str(MODEL), arrays(), time_limit=0.0)
 
 
+def test_forces_that_a_model_lacks_are_not_stepped(tmp_path: Path) -> None:
+    """A log with torques that no motor of the model has: MuJoCo would step without them."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        """<mujoco><option timestep="0.002" integrator="RK4"/><worldbody><body>
+        <joint name="a" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.03"/>
+        <body pos="0.4 0 0"><joint name="b" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02"/></body></body></worldbody></mujoco>"""
+    )
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data, rows = mujoco.MjData(model), list[np.ndarray]()
+    for _ in range(200):
+        data.qfrc_applied[:] = 0.3 * np.sin(9.0 * data.time), 0.1 * np.cos(4.0 * data.time)
+        rows.append(np.concatenate([[data.time], data.qpos, data.qvel, data.qfrc_applied]))
+        mujoco.mj_step(model, data)
+    names = "time q_a q_b dq_a dq_b tau_a tau_b".split()
+    found = dc.audit(str(path), dict(zip(names, np.array(rows).T)))
+    kinds = {f.kind for f in found.findings}
+    assert found.verdict.kind == "consistent"
+    assert {"channel-not-in-model", "assumed-zero"} <= kinds and "not-replayed" not in kinds
+
+
 @pytest.mark.parametrize(
     "change",
     [

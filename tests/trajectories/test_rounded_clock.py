@@ -66,3 +66,17 @@ def test_a_log_with_such_times_is_refused_with_the_step_and_read_by_it(
     assert dc.audit(mechanism, again).verdict.kind == "consistent"
     with pytest.raises(InputError, match="positive"):
         with_step(None, 0.0)
+
+
+def test_a_step_leaves_names_of_columns_as_they_are_read(tmp_path: Path) -> None:
+    """Columns of a log that is read by their names are the same where its times are counted."""
+    mechanism = _pendulum()
+    run = dc.simulate(mechanism, mechanism.state({"hinge": 0.5}), 0.1, step=2.5e-4)
+    path = tmp_path / "log.csv"
+    rows = np.column_stack([np.round(run.t, 3), run.q, run.u])
+    np.savetxt(
+        path, rows, delimiter=",", header="time,hinge_pos,hinge_vel", comments="", fmt="%.17g"
+    )
+    again = dc.read_trajectory(path, with_step(None, 2.5e-4), mechanism)
+    assert np.array_equal(again.q, run.q) and np.array_equal(again.u, run.u)
+    assert np.allclose(again.t, run.t, rtol=0.0, atol=1e-12)

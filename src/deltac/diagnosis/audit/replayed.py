@@ -12,6 +12,7 @@ import numpy as np
 
 from deltac.arrays import SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
+from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.inputs.omissions import assumed_zero
 from deltac.diagnosis.verdict import Finding, percent
@@ -66,9 +67,10 @@ def replayed(
 ) -> Attempt:
     """Every step of a log's motion, and whether it is the model's.
 
-    Unless it is `required`, only a log that lacks forces which its model has is stepped, not that of a URDF
-    file, and kept only where its first rows are reproduced: else model, step or controls are not those of
-    the log, which is then judged as it is, for nobody claimed that they are the same. A finding says why.
+    Unless it is `required`, only a log that lacks forces which its model has is stepped, not one with forces
+    that the model lacks nor that of a URDF file, and kept only where its first rows are reproduced: else
+    model, step or controls are not those of the log, which is then judged as it is, for nobody claimed that
+    they are the same. A finding says why.
 
     Raises InputError for a model or a log that cannot be stepped, if the replay is required.
     """
@@ -92,7 +94,10 @@ def replayed(
             return _attempt(program, mechanism, log_reading(log, mapping, mechanism))
         try:
             reading = log_reading(log, mapping, mechanism)
-            missing = assumed_zero(reading.trajectory(), report)
+            run = reading.trajectory()
+            missing = assumed_zero(run, report)
+            if foreign_channels(mechanism, run, report):  # they would not act
+                return Attempt(None)
         except InputError:  # the audit says what is wrong with the log
             return Attempt(None)
         return _unasked(program, mechanism, reading, missing, limit) if missing else Attempt(None)

@@ -138,6 +138,14 @@ class LogReading:
         return self.mapping is None and not self.raw.plain_names
 
     @property
+    def mapped(self) -> bool:
+        """Whether a mapping says which columns are which; how far rows are apart says nothing of these."""
+        if self.mapping is None:
+            return False
+        sources = self.mapping.sources.values()
+        return not sources or any(one.step is None for one in sources)
+
+    @property
     def by_name(self) -> bool:
         """Whether every column that is used has the name of the schema."""
         return all(one.column == target for target, one in self.meanings.items())
@@ -273,7 +281,7 @@ class LogReading:
 
     def _recognised(self) -> None:
         """What names, widths and the motion say, where a mechanism is known and no mapping says it."""
-        if self.names is None or self.mapping is not None:
+        if self.names is None or self.mapped:
             return
         used_columns = {one.column for one in self.meanings.values()}
         for target, one in recognise(self.raw, self.names).items():
@@ -286,7 +294,7 @@ class LogReading:
         names, sources = self.names, self.meanings
         if names is None and self.strict:
             return  # from_columns says what is missing
-        derivable = _unlogged(sources, names) if names is not None and self.mapping is None else ()
+        derivable = _unlogged(sources, names) if names is not None and not self.mapped else ()
         for target in _needed(names, any(target.startswith("u.") for target in sources)):
             by_law = names is not None and target in names.laws
             if target not in {*derivable, *sources, *self.missing} and not by_law:

@@ -96,7 +96,7 @@ def replayed(
             reading = log_reading(log, mapping, mechanism)
             run = reading.trajectory()
             missing = assumed_zero(run, report)
-            if foreign_channels(mechanism, run, report):  # they would not act
+            if foreign_channels(mechanism, run, report):  # not stepped with them
                 return Attempt(None)
         except InputError:  # the audit says what is wrong with the log
             return Attempt(None)

@@ -210,7 +210,7 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
     A = accelerations(s, V, equations.symbols.udot, base)
     steady = accelerations(s, V, ca.SX.zeros(s.u_all.shape[0]), None)
     changes: dict[Column, SX] = {}
-    for k, (link, along) in enumerate(zip(s.links, partial_velocities(s))):
+    for k, (link, along) in enumerate(zip(s.links, _partial_velocities(s))):
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue
@@ -231,10 +231,10 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
     return changes
 
 
-def partial_velocities(s: System) -> list[SX]:
+def _partial_velocities(s: System) -> list[SX]:
     """What each free speed adds to the spatial velocity of each link: matrices (6, n), V = X V_parent + S u.
 
-    The generalized forces of a wrench at a link are its products with them (Kane & Levinson 1985, 4.4).
+    The generalized active forces of a wrench at a link are its products with them, as in Kane's method.
     """
     unit = ca.SX.eye(s.u_all.shape[0])[:, s.free_u]
     return [ca.sparsify(x) for x in velocities(s, unit)]
@@ -360,7 +360,7 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     V, nothing = velocities(s, s.u_all), ca.SX(3, 1)
     changes: dict[Column, SX] = {}
     decays: list[dict[int, SX]] = [{} for _ in range(4)]
-    for k, (link, pose, along) in enumerate(zip(s.links, s.poses, partial_velocities(s))):
+    for k, (link, pose, along) in enumerate(zip(s.links, s.poses, _partial_velocities(s))):
         body = link.joint.child
         if s.mechanism.body(body).massless:
             continue

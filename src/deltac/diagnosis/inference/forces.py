@@ -61,8 +61,8 @@ SUBDIVISIONS = 4
 
 
 CUBIC, QUINTIC = 3, 5
-"""Degrees of the spline by which smooth forces act, and of that which tells what it lacks: much at the ends,
-where it is known by rows of one side alone."""
+"""Degrees of the spline by which smooth forces act, and of the one that estimates its error, which is largest
+at the ends, where rows on one side alone tell."""
 
 KEPT_FRACTIONS = 32
 """Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
@@ -190,7 +190,7 @@ class LoggedForce:
                 ends[outer] = doubt[outer]
                 higher, cubic = (spline_integrals(t, F, k) for k in (QUINTIC, CUBIC))
                 gap[a:b] = (higher - cubic) / h[a:b]
-                # What is doubted passes zero, and the doubt does not.
+                # The error changes its sign; its bound does not vanish there.
                 near = np.pad(np.abs(gap[a:b]), ((1, 1), (0, 0)))
                 doubt[a:b] = np.max([near[:-2], near[1:-1], near[2:]], axis=0)
         bends = h * slopes[0] - change, h * slopes[1] - change

@@ -610,7 +610,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             moved, point, best = own, own.point, own.posterior.best
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
-            # Sums of squares beside different methods do not compare; two may lead to each other.
+            # Sums of squares beside different methods do not compare, and two methods may alternate.
             names = tuple(method.name for method in own.methods)
             halved = 2.0 * left <= start and (2.0 * start <= reached or names not in earlier)
             last = rival or turn + 1 >= RELINEARISATIONS or before.best.settled(best)

@@ -192,7 +192,7 @@ def left_by_shifts(point: Point) -> dict[int, float]:
 
     By the number of rows, in units of the known noise, beside the columns of causes that the point has. A
     command may be logged steps before it acts, or after; between rows it is held or smooth. Empty where fewer
-    numbers tell of it than an integrator has: those explain whatever is left.
+    numbers are left than the integrator's fields take: beside these any shift fits.
     """
     log, forces, nodes = point.log, point.forces, np.linspace(0.0, 1.0, 5)
     now = np.stack([forces.between(s) for s in nodes])

@@ -294,7 +294,7 @@ def _block(
 def _between_rows(point: Point) -> Array:
     """What forces do that are otherwise between rows, by a unit of that (N, 2n, k).
 
-    Splines of two orders differ by what the lower one lacks, and that by what the higher one lacks; it
+    A straight line lacks the bend of a cubic spline, and both lack what a quintic adds. Neither is noise: it
     goes with the motion, as what a cause does.
     """
     forces, h = point.forces, point.log.intervals.h

@@ -160,14 +160,15 @@ class Innovations:
         blocks = -(-N // group)
         inverse = np.zeros((blocks, group, m, group, m))
         below = np.zeros((blocks, len(off), m, len(off), m))
+        # The lower half of the covariance by blocks; the identity where the last block has no interval.
         for i in range(N - blocks * group, 0):
             inverse[-1, i, :, i] = np.eye(m)
         for lag, C in enumerate([S, *off]):
             C[: N - lag] /= scale[lag:, :, None] * scale[: N - lag, None, :]
             for i in range(group):
                 part, ahead = C[i::group], i + lag - group
-                of = below[:, ahead] if ahead >= 0 else inverse[:, ahead]
-                of[: len(part), :, i - group] = part
+                place = below[:, ahead] if ahead >= 0 else inverse[:, ahead]
+                place[: len(part), :, i - group] = part
         inverse, below = inverse.reshape(blocks, group * m, -1), below.reshape(blocks, wide, wide)
         for k in range(blocks):
             if k:

@@ -139,7 +139,7 @@ class LogReading:
 
     @property
     def mapped(self) -> bool:
-        """Whether a mapping says which columns are which; how far rows are apart says nothing of these."""
+        """Whether a mapping assigns columns; one that only gives the step from row to row does not."""
         if self.mapping is None:
             return False
         sources = self.mapping.sources.values()

@@ -310,6 +310,8 @@ class LogReading:
         used_columns = {one.column for one in self.meanings.values()}
         guess = None if guess is not None and guess.column in used_columns else guess
         unused = [name for name in raw.columns if name not in used_columns]
+        if "time" in self.meanings:  # a clock that the step replaces is no coordinate
+            unused = [name for name in unused if not is_time(name)]
         if target == "time":
             for name in [name for name in unused if is_time(name)]:
                 rows = np.flatnonzero(~(np.diff(raw.columns[name]) > 0.0)) + 1

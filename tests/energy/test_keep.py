@@ -160,3 +160,15 @@ def test_energy_through_springs_counts_no_more_than_their_work() -> None:
     quarters = int(turned // (np.pi / 2))
     rest = 4.0 * abs(np.cos(turned) ** 2 - np.cos(quarters * np.pi / 2) ** 2)
     assert kept.energy_exchanged == pytest.approx(4.0 * quarters + rest + 8.0, rel=1e-5)
+
+
+def test_ledgers_of_other_functions_of_the_same_mechanism(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One with momenta has other columns than the next one without."""
+    monkeypatch.setattr(one_pass, "LONG_RUN", 2000)
+    mechanism, run = shaken(1e-3, 4001)
+    first = dc.balance(mechanism, run, work="samples", testing=("wang", "momentum"))
+    second = dc.balance(mechanism, run, work="samples", testing=("wang",))
+    # The sums are the same, in another order of columns.
+    assert second.delta_c["wang"] == pytest.approx(
+        first.delta_c["wang"], rel=64 * EPS, abs=64 * EPS
+    )

@@ -109,7 +109,7 @@ class _Layout:
         self.n_columns = self.n_out + len(self.integrated) + 1
         self.n_functions = len(integrated)
         names = tuple(name for _, name in self._functions)
-        self.rows = symbols.once(("rows", names), lambda: self._rows(kernels, driven))
+        self.rows = symbols.once(("rows", names, kernels), lambda: self._rows(kernels, driven))
         self.flow, self.gain, self.kinetic = self.rows.output_slices.values()
 
     def _rows(self, kernels: LedgerKernels, driven: Mapping[int, int]) -> Kernel:

@@ -18,9 +18,13 @@ from scipy.signal import butter, filtfilt
 
 import deltac as dc
 from deltac.arrays import Array
+from deltac.diagnosis.inference.comparison import compared
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, nothing
-from deltac.diagnosis.inference.model import Intervals, Rows
+from deltac.diagnosis.inference.inference import inferred
+from deltac.diagnosis.inference.linearisation import start
+from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
+from deltac.diagnosis.inference.observations import observations
 from tests.support.slow import crossed, repeated
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
@@ -338,16 +342,18 @@ def test_splines_of_two_orders_tell_what_a_spline_lacks_of_a_force() -> None:
     assert np.all(np.abs(lacking) <= 2.0 * (force.doubt + force.ends))
 
 
-@pytest.mark.parametrize("seed", repeated((39, 55, 63, 84, 90, 104, 118), 39, 63, 84))
-def test_a_torque_that_swings_between_rows_accuses_nobody(seed: int) -> None:
-    """Rows of 25 steps, in which the torque turns by a radian: no gear, spring or gravity is wrong."""
+def swinging(seed: int, told: float = 0.1) -> tuple[dc.Mechanism, dc.Trajectory]:
+    """A pendulum by Heun's method, logged at every 25th row; the torque turns by a radian between two.
+
+    Its damper is of 0.1 N·m·s, the model's as `told`.
+    """
     rng = np.random.default_rng(seed)
     size, omega, phase = rng.uniform(0.5, 3.0), rng.uniform(2.0, 9.0), rng.uniform(0.0, 6.0)
     x, length = np.array([rng.uniform(-1.0, 1.0), 0.0]), rng.uniform(0.5, 1.0)
-    h, damping, rows, torques = 5e-3, 0.1, list[Array](), list[float]()
+    h, rows, torques = 5e-3, list[Array](), list[float]()
 
     def rate(x: Array, torque: float) -> Array:
-        return np.array([x[1], (torque - damping * x[1]) / length**2 - G / length * np.sin(x[0])])
+        return np.array([x[1], (torque - 0.1 * x[1]) / length**2 - G / length * np.sin(x[0])])
 
     for k in range(401):
         torque = size * np.sin(omega * k * h + phase) - 0.4 * float(x[1])
@@ -361,6 +367,56 @@ def test_a_torque_that_swings_between_rows_accuses_nobody(seed: int) -> None:
         t=25 * h * np.arange(17.0), q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
         forces={"actuator motor": np.array(torques)[:, None]}, provenance=dc.Provenance("hand"),
     )  # fmt: skip
-    hinge = dc.revolute("j", "ground", "bob", child_position=(0, length, 0), damping=damping)
-    audit = dc.audit(dc.Mechanism([dc.point_mass("bob", 1.0)], [hinge], gravity=(0, -G, 0)), run)
-    assert audit.verdict.kind != "equation-error"
+    hinge = dc.revolute("j", "ground", "bob", child_position=(0, length, 0), damping=told)
+    return dc.Mechanism([dc.point_mass("bob", 1.0)], [hinge], gravity=(0, -G, 0)), run
+
+
+@pytest.mark.parametrize("seed", repeated((39, 55, 63, 84, 90, 104, 118), 39, 63, 84))
+def test_a_torque_that_swings_between_rows_accuses_nobody(seed: int) -> None:
+    """No gear, spring or gravity is wrong."""
+    assert dc.audit(*swinging(seed)).verdict.kind != "equation-error"
+
+
+@pytest.mark.parametrize("seed", repeated((2, 6, 8, 14, 22), 2, 22))
+def test_what_few_rows_cannot_tell_from_an_unknown_integrator_blames_none(seed: int) -> None:
+    """Sixteen intervals tell no damper from the fields of an integrator, but its numbers are of no method."""
+    audit = dc.audit(*swinging(seed, told=0.15))
+    assert audit.verdict.kind in ("unresolved", "equation-error")
+
+
+@pytest.mark.parametrize(("step", "scatter"), [(2e-3, 0.01), (1 / 240, 0.05)])
+def test_stamps_that_scatter_about_an_even_clock(
+    step: float, scatter: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows follow from each other to rounding by a step of 2 ms or 1/240 s, not by one that was averaged."""
+    monkeypatch.setitem(globals(), "H", step)
+    x, torques = motion(rk4)
+    run = log(x, torques, np.arange(1001))
+    rng = np.random.default_rng(1)
+    audit = dc.audit(MECHANISM, replace(run, t=run.t + scatter * H * rng.uniform(-1.0, 1.0, 1001)))
+    assert audit.integrator is not None and audit.attribution is not None
+    assert audit.integrator.names == ("rk4",) and not audit.causes
+    # Rounding of some joules at each of 1000 steps; the torque is of the rows' times, not of the clock's.
+    assert audit.attribution.integrator.curve == pytest.approx(true_joules(x, torques), abs=1e-11)
+
+
+@pytest.mark.parametrize("kind", ["start", "ramp"])
+def test_a_method_with_held_torques_is_no_likelier_than_the_exact_motion(kind: str) -> None:
+    """Rows interpolated some 0.04 ms off their times, which hide how torques act between them.
+
+    Methods that hold a torque close the rows however it is said to act.
+    """
+    x, torques = motion(rk4)
+    t = H * np.arange(1001)
+    read = t + 0.02 * H * np.random.default_rng(1).standard_normal(1001)
+    y = np.stack([np.interp(read, t, column) for column in x.T], axis=-1)
+    run = log(y, torques, np.arange(1, 1000))
+    model = LogModel(MECHANISM, run)
+    rows = observations(model, run, len(run))
+    assert rows is not None
+    point = start(model, run, rows)
+    acting = point.with_flow(forces=point.forces.alike(kind)).with_noise_of_rows()
+    comparison = compared(acting.with_process_noise().with_columns())
+    share, curve = inferred(comparison).attribution.integrator, true_joules(x, torques)
+    assert comparison.maps
+    assert abs(share.energy - (curve[999] - curve[1])) < 2.0 * share.error

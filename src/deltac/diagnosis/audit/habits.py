@@ -382,7 +382,7 @@ class _Departures:
             if EXACT in methods:
                 alike = forces.kinds == self.flow.forces.kinds
                 flow = self.flow if alike else self.flow.at(self.log, forces=forces)
-                own.append(flow.maps[-1])
+                own.append(flow.exact)
             for of in own:
                 w = self.rows.model.difference(of.end, intervals.end)
                 if np.isfinite(w).all():

@@ -79,6 +79,7 @@ def integrator_share(
     """
     at, log, flow = comparison.at, comparison.point.log, comparison.point.flow
     share, residual, between = (_of_methods if comparison.maps else _of_series)(comparison)
+    share, residual = _with_corrections(comparison, share, residual)
     defects = flow.w - residual - comparison.effects
     share = _on_path(comparison, share, defects, residual)
     gaps = log.in_gaps(at.work(defects))
@@ -91,16 +92,43 @@ def integrator_share(
     return Share(share.curve, np.linalg.norm(each, axis=0)), residual, between
 
 
+def _with_corrections(
+    comparison: HypothesisComparison, share: Share, residual: Array
+) -> tuple[Share, Array]:
+    """The share with what keeps the constraints, as a part of the step, and the residual (N, 2n) without it.
+
+    Projections move states by M⁻¹Gᵀ λ. So does noise of the rows, which comes and goes: what adds up is real.
+    """
+    at, log, across = comparison.at, comparison.point.log, comparison.across
+    if across is None:
+        return share, residual
+    correction = (across @ residual[:, :, None])[:, :, 0]
+    curve = log.running(at.work(correction))
+    of_rows = np.sum(((at.gradient[:, None] @ across)[:, 0] * log.noise[1]) ** 2, axis=1)
+    noise = np.sqrt(of_rows + of_rows[0])
+    seen = float(np.mean((curve / (noise + 1e-300)) ** 2))
+    real = 1.0 - 1.0 / max(seen, 1.0)
+    errors = share.curve_error, real * noise, real * (1.0 - real) * curve
+    error = np.linalg.norm(errors, axis=0)
+    return Share(share.curve + real * curve, error), residual - real * correction
+
+
 def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     """The share of methods whose maps close the rows."""
     at, point = comparison.at, comparison.point
     log, defects, methods = point.log, comparison.defects, comparison.methods
     others, flow = _other_states(comparison), point.flow
     defects = [*defects, *(flow.plant.difference(flow.at(own).end, of.end) for of, own in others)]
+    if comparison.across is not None:  # there what one does otherwise is put right
+        along = (x - defects[0] for x in defects)
+        along = (x - (comparison.across @ x[:, :, None])[:, :, 0] for x in along)
+        defects = [defects[0] + x for x in along]
     curves = log.running(np.stack([at.work(x) for x in defects], axis=1)).T
     # Methods that close the rows alike do not make the same joules; nor do forces between rows of which a
     # method takes one alone.
     forces = [curves[0] + x for x in _other_forces(comparison)]
+    if _exact_by_other_forces(comparison):
+        forces.append((1.0 - HALF) * curves[0])
     near = [log.running(at.work(x)) for x in _near_methods(comparison)]
     between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
     spread = np.abs(np.stack([*curves, *forces, *near]) - curves[0]).max(axis=0)
@@ -150,27 +178,33 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     return Share(curve, error), (1.0 - own) * residual, 0.0
 
 
-def disputed_joules(
-    comparison: HypothesisComparison, integrator: IntegratorEstimate, unseen: dict[str, float]
-) -> Array:
-    """Joules (N,) of the integrator's fields that a mistake which does the same to the rows may have made.
+def disputed_joules(comparison: HypothesisComparison) -> Array:
+    """Joules (N,) of the integrator's fields that a mistake may have made which does about the same to rows.
 
-    Where numbers are of no method: by what is beside the nearest one.
+    It takes of them what its number within its error does, at most what is beside the nearest method.
     """
-    at, first, p = comparison.at, slice(0, FIRST_ORDER), comparison.rows.projected
+    at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
         return np.zeros(len(at.B))
-
-    def same(c: Candidate) -> bool:
-        L, some = c.linear[:, 0], list(c.columns)
-        return bool(L @ p.A[np.ix_(some, some)] @ L < SIX_DIGITS * float(L**2 @ p.raw[some]))
-
-    most = [unseen.get(name_of(c), 0.0) for c in comparison.point.candidates if same(c)]
-    c = comparison.numbers[0]
-    near = [numbers_of(m)[first] for m in INTEGRATORS if m.name in integrator.names]
-    rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
-    joules = comparison.point.log.running(at.power[:, first]) @ rest
-    return np.minimum(np.abs(joules), max(most, default=0.0))
+    T, best, block = at.power[:, first], comparison.posterior.best, comparison.blocks[0]
+    c, p, of_fields = comparison.numbers[0][first], block.projected, comparison.rows.projected
+    # Of rows that are several steps apart the numbers are parts of those of the step.
+    rays = [own for own in (numbers_of(m)[first] for m in INTEGRATORS) if own.any()]
+    near = [np.clip(c @ own / (own @ own), 0.0, 1.0) * own for own in rays]
+    rest = min((c - own for own in near), key=np.linalg.norm)
+    most = np.zeros(len(T))
+    for cause in of_one_number(comparison.point.candidates):
+        if any(cause is x or cause.excludes(x) for x in best.chosen):
+            continue
+        L, some = cause.linear[:, 0], np.array(cause.columns)
+        sigma = deviation((block,), cause, best, comparison.tau)
+        size = float(L @ p.A[np.ix_(some, some)] @ L)
+        if not np.isfinite(sigma) or not size > 0.0:
+            continue
+        number = np.hypot(L @ p.slope(best.coefficients, some) / size, sigma)
+        shift = np.abs(comparison.point.log.running(T) @ of_fields.to[first][:, some] @ L)
+        most = np.maximum(most, number * shift)
+    return np.minimum(np.abs(comparison.point.log.running(T) @ rest), most)
 
 
 def equations_share(
@@ -329,7 +363,7 @@ def unknown_force(comparison: HypothesisComparison) -> tuple[UnknownForce, Attri
     if model.rows_of_G or n < len(model.mechanism.speeds):
         return None  # solvers keep constraints by forces of their own, and laws of time may be late
     single = counts is not None and counts.max() == 1
-    least, of, own, other = np.inf, flow.maps[-1], flow.w, flow.w[:, :n]
+    least, of, own, other = np.inf, flow.exact, flow.w, flow.w[:, :n]
     for one in flow.maps:
         if one.method is not EXACT and not (single and one.method.order == 1):
             continue
@@ -435,6 +469,24 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
             yield -HALF * log.running(at.work(point.flow.moved_by_forces(change)))
 
 
+def _exact_by_other_forces(comparison: HypothesisComparison) -> bool:
+    """Whether the exact flow, by forces that act otherwise between the rows, is as likely as the method."""
+    point, rows = comparison.point, comparison.rows
+    flow, forces = point.flow, point.forces
+    if point.forces_known or forces.filter is not None or comparison.methods[0] is EXACT:
+        return False
+    w = [point.errors(comparison.maps[0].end, point.tangent.Phi)]
+    for kind in ("start", "ramp", "smooth"):
+        other = forces.alike(kind)
+        change = np.stack([other.between(s) - forces.between(s) for s in np.linspace(0.0, 1.0, 5)])
+        w.append(point.errors(flow.end, point.tangent.Phi) - flow.moved_by_forces(change))
+    columns = np.stack(w, axis=2) - comparison.effects[:, :, None]
+    white, _ = point.log.innovations(point.tangent.Phi, point.noise.total)(columns)
+    rss = np.maximum(np.sum(white**2, axis=(0, 1)), rows.least)
+    odds = 0.5 * rows.count / comparison.tau * np.log(rss[1:].min() / rss[0])
+    return bool(odds < CERTAIN)
+
+
 def _near_methods(comparison: HypothesisComparison) -> Iterator[Array]:
     """What usual methods with a memory do (N, 2n) that the rows do not tell from the closing method."""
     at, point, method = comparison.at, comparison.point, comparison.methods[0]
@@ -498,7 +550,8 @@ def generic_equations(comparison: HypothesisComparison) -> Generic:
     at, point, best = comparison.at, comparison.point, comparison.posterior.best
     odds, explained, further = beyond_causes(comparison.blocks[0], best)
     joules = float(np.abs(at.gradient * (at.of_causes @ further)).sum() * point.log.whole)
-    if joules < max(SIX_DIGITS * point.energy, at.bias, at.omitted):
+    within_noise = comparison.excess <= 1.0
+    if within_noise or joules < max(SIX_DIGITS * point.energy, at.bias, at.omitted):
         odds = -np.inf
     shift = 0.0
     if not comparison.maps:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     TOGETHER,
@@ -137,6 +137,27 @@ class HypothesisComparison:
         """Numbers of the integrator's fields beside the causes, and their covariance."""
         numbers, covariance = self.rows.numbers(self.posterior.best)
         return numbers[: self.at.fields], covariance[: self.at.fields, : self.at.fields]
+
+    @cached_property
+    def across(self) -> Array | None:
+        """What impulses of the constraints make of changes of the states, beside the noise of the rows.
+
+        Projectors (N, 2n, 2n) of coordinates and of speeds, by least squares; None without constraints.
+        """
+        flow, log = self.point.flow, self.point.log
+        model, n = flow.plant, flow.plant.n
+        if not model.rows_of_G:
+            return None
+        M, G = model.matrices(flow.end.t, flow.end.q)
+        by_impulses = np.linalg.solve(M, G.transpose(0, 2, 1))
+        sigma = np.hypot(*log.noise)
+        sigma = np.maximum(sigma, EPS * sigma.max(axis=0))[:, :, None]
+        across = np.zeros((len(sigma), 2 * n, 2 * n))
+        for some in (slice(0, n), slice(n, 2 * n)):
+            size = sigma[:, some]
+            impulses = np.linalg.pinv(by_impulses / size) / size.transpose(0, 2, 1)
+            across[:, some, some] = by_impulses @ impulses
+        return across
 
     @cached_property
     def effects(self) -> Array:

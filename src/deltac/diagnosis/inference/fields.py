@@ -169,3 +169,23 @@ def next_order(J: Array, fields: Array, t: Array, h: Array) -> Array:
     second = fields[:, :, [k for k, f in enumerate(FIELDS) if f.order == 2]]
     rates = np.gradient(second, t, axis=0) if len(t) > 2 else np.zeros_like(second)
     return np.concatenate([J @ second, rates], axis=2) * h[:, :, None]
+
+
+def taken_by_projections(model: LogModel, at: Rows, fields: Array) -> Array:
+    """What projections onto the constraints take of fields of first order (N, 2n, k), besides impulses.
+
+    A step is put back along M⁻¹Gᵀ, or orthogonally in coordinates and in speeds, along Gᵀ, by those who take
+    a pseudoinverse of G. Along the former the rows tell nothing; the latter does work of its own.
+    """
+    n, first = model.n, fields[:, :, :FIRST_ORDER]
+    G = model.matrices(at.t, at.q)[1]
+    back = np.linalg.pinv(G)
+    of_q = back @ (G @ first[:, :n])
+    left, turned = first[:, :n] - of_q, np.zeros_like(of_q)
+    for k in np.flatnonzero(left.any(axis=(0, 1))).tolist():
+        d = _length(FIRST, left[:, :, k])
+        moved = model.moved(at.q, left[:, :, k], d)
+        turned[:, :, k] = (back @ ((model.matrices(at.t, moved)[1] - G) @ at.u[:, :, None]))[
+            :, :, 0
+        ] / d
+    return np.concatenate([of_q, back @ (G @ first[:, n:]) + turned], axis=1)

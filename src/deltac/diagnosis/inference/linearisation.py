@@ -37,6 +37,7 @@ from deltac.diagnosis.inference.fields import (
     PRIOR,
     elementary_differentials,
     next_order,
+    taken_by_projections,
 )
 from deltac.diagnosis.inference.flow import (
     Prediction,
@@ -142,8 +143,14 @@ class Flow:
     @cached_property
     def maps(self) -> list[Map]:
         """Maps of methods by which the rows may follow from each other; the last is that of the flow."""
-        own = maps(self.plant, self.intervals, self.forces.between, self.counts, 1, self.methods)
-        return [*own, Map(EXACT, np.ones(len(self.intervals), dtype=np.intp), self.end)]
+        force, noise = self.forces.between, self.noise
+        own = maps(self.plant, self.intervals, force, self.counts, 1, self.methods, noise=noise)
+        return [*own, self.exact]
+
+    @property
+    def exact(self) -> Map:
+        """The flow itself as the map of a method."""
+        return Map(EXACT, np.ones(len(self.intervals), dtype=np.intp), self.end)
 
     def at(self, log: Observations, **changes: Any) -> Flow:
         """The flow between the states of a log, in as many steps; of another plant, or by other forces."""
@@ -218,7 +225,8 @@ class Tangent:
         for at, J in zip(self.flow.nodes[:-1], self.J, strict=False):
             own = elementary_differentials(plant, at, step)
             further = [next_order(J[a:b], own[a:b], at.t[a:b], step[a:b]) for a, b in pieces]
-            fields.append(np.concatenate([own, np.concatenate(further)], axis=2))
+            taken = [taken_by_projections(plant, at, own)] if plant.rows_of_G else []
+            fields.append(np.concatenate([own, np.concatenate(further), *taken], axis=2))
         last = _last(pieces)
         own = elementary_differentials(plant, self.flow.end.take(last), step[last])
         end = np.concatenate([own, fields[0][last][:, :, own.shape[2] :]], axis=2)
@@ -263,7 +271,9 @@ class Tangent:
     @property
     def prior(self) -> Array:
         """Standard deviations of the numbers of the fields before the log is seen."""
-        orders = [f.order for f in FIELDS] + [3] * (self.count - len(FIELDS))
+        taken = [1] * FIRST_ORDER if self.flow.plant.rows_of_G else []
+        orders = [f.order for f in FIELDS]
+        orders += [3] * (self.count - len(orders) - len(taken)) + taken
         return np.array([PRIOR[order] for order in orders])
 
     @property

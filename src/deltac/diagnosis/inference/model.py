@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -337,6 +337,45 @@ class LogModel:
         """States displaced by (T, 2n)."""
         q = self.moved(at.q, by[:, : self.n], np.ones((len(by), 1)))
         return Rows(at.t, q, at.u + by[:, self.n :], at.F)
+
+    def projections(self, near: Rows, noise: Array) -> Callable[[Rows], Iterator[Rows]]:
+        """What puts states back onto the constraints of others `near`, by one metric or another.
+
+        Where noise (T, 2n) hides the squares of what is put back, a linear orthogonal projection: noise hides
+        what impulses do as well. Else both, by Newton's method, each step of which squares what is left.
+        Along a displacement constraints change by G at its middle, to third order.
+        """
+        nothing, G = np.zeros_like(near.u), self.matrices(near.t, near.q)[1]
+        inverse = np.asarray(np.linalg.pinv(G))
+
+        def moved(by: Array) -> Array:
+            return self.displaced(near, np.concatenate([by, nothing], axis=1)).q
+
+        def of(matrices: Array, x: Array) -> Array:
+            return np.asarray((matrices @ x[:, :, None])[:, :, 0])
+
+        def constrained(q: Array, by_masses: bool) -> tuple[Array, Array]:
+            M, G = self.matrices(near.t, q)
+            along = np.linalg.solve(M, G.transpose(0, 2, 1)) if by_masses else G.transpose(0, 2, 1)
+            return G, along @ np.linalg.pinv(G @ along, hermitian=True)
+
+        def each(at: Rows) -> Iterator[Rows]:
+            d, rates = self.difference(near, at)[:, : self.n], of(G, near.u)
+            if np.all(d**2 <= noise[:, : self.n]):
+                q = moved(d - of(inverse @ G, d))
+                change = of(self.matrices(near.t, q)[1], at.u) - rates
+                yield Rows(at.t, q, at.u - of(inverse, change), at.F)
+                return
+            for by_masses in (True, False):
+                by = d
+                for _ in range(2):
+                    change = of(self.matrices(near.t, moved(0.5 * by))[1], by)
+                    by = by - of(constrained(moved(by), by_masses)[1], change)
+                q = moved(by)
+                own, back = constrained(q, by_masses)
+                yield Rows(at.t, q, at.u - of(back, of(own, at.u) - rates), at.F)
+
+        return each
 
     def difference(self, start: Rows, end: Rows) -> Array:
         """The displacement (T, 2n) that takes `start` to `end`."""

@@ -257,6 +257,10 @@ def _without_spikes(
     return _without(run, list(spikes)), [finding]
 
 
+STEP_ERRORS = 3.0
+"""Standard errors of the step of an even clock within which the simplest number is taken."""
+
+
 def _evenly_timed(run: Trajectory) -> Trajectory | None:
     """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
     h = np.diff(run.t)
@@ -272,7 +276,29 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
             step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
         even = start + step * rows
     scatter = max_norm(run.t - even)
-    return replace(run, t=even) if SIX_DIGITS * step < scatter < 0.5 * step else None
+    if not SIX_DIGITS * step < scatter < 0.5 * step:
+        return None
+    return replace(run, t=_on_simple_clock(run.t, rows))
+
+
+def _on_simple_clock(t: Array, rows: Array) -> Array:
+    """Times (T,) of an even clock through stamps t, its step the simplest number within its error.
+
+    Steps are given as 0.002 or 1/240 s, and by these alone rows follow from each other to rounding.
+    """
+    places = rows - rows.mean()
+    step = float(places @ t / (places @ places))
+    error = float(np.std(t - step * places) / np.linalg.norm(places))
+
+    def near(x: float) -> bool:
+        return abs(x - step) <= STEP_ERRORS * error
+
+    decimals = (float(f"{step:.{digits}g}") for digits in range(1, 17))
+    simplest = next(filter(near, decimals), step)
+    rate = float(f"{1.0 / step:.0f}")
+    if rate > 0.0 and near(1.0 / rate) and len(f"{rate:g}") < len(f"{simplest:.15g}".lstrip("0.")):
+        simplest = 1.0 / rate
+    return np.asarray(t.mean() + simplest * places)
 
 
 def _jitter(run: Trajectory, even: Trajectory) -> Finding:

@@ -20,7 +20,7 @@ BENCH := $(VENV)/.deltac-bench
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types schema layers check bench bench-verdict bench-foreign bench-judge bench-repair \
+.PHONY: help demo test test-long test-casadi test-slow lint types schema layers check bench bench-verdict bench-foreign bench-judge bench-repair \
 	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
@@ -30,8 +30,11 @@ help:  ## list the targets
 demo: $(CORE)  ## reproduce the thesis's study: ten figures, one table
 	$(PY) benchmarks/thesis/run.py $(ARGS)
 
-test: $(TEST)  ## the test suite, without the slow tests
-	$(PYTEST) $(SPREAD) -m "not slow" $(ARGS)
+test: $(TEST)  ## the test suite, without the long and the slow tests
+	$(PYTEST) $(SPREAD) -m "not slow and not long" $(ARGS)
+
+test-long: $(TEST)  ## the long tests: whole audits and runs, one case after another
+	$(PYTEST) $(SPREAD) -m "long and not slow" $(ARGS)
 
 test-casadi: $(TEST)  ## the numerical tests again, on CasADi's own evaluator
 	DELTAC_EVALUATOR=casadi $(PYTEST) $(SPREAD) -m "not slow and not heyoka" \
@@ -64,7 +67,7 @@ web: web/node_modules  ## bundle the page's script into the package (needs node)
 check-web: web/node_modules  ## the page's types, and that the committed bundle is a fresh build (needs node)
 	$(NPM) run check
 
-check: lint types layers site-quick test-casadi test  ## all of the checks, as in continuous integration
+check: lint types layers site-quick test-casadi test test-long  ## all of the checks, as in continuous integration
 
 wheel: $(DEV)  ## sdist and wheel into dist/, and the wheel tried in an empty environment
 	PYTHON=$(abspath $(PY)) .ci/wheel

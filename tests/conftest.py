@@ -40,7 +40,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels.
+    """Mark the tests on random examples and studies of cases; leave out `heyoka` where it has no wheels.
 
     Undecided tests cannot fail, so they are slow ones: `make test-slow` tells which pass.
     """
@@ -54,6 +54,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             reason = "the inference of audits does not decide it yet: tests/undecided.txt"
             item.add_marker(pytest.mark.xfail(reason=reason, strict=False))
             item.add_marker("slow")
+        if study := item.get_closest_marker("case_study"):
+            module = vars(getattr(item, "module", None))
+            assert all(name.partition("[")[0] in module for name in study.args), study.args
+            if not {item.name, item.name.partition("[")[0]} & {*study.args}:
+                item.add_marker("long")
         if is_hypothesis_test(getattr(item, "obj", None)):
             item.add_marker("random_examples")
         if without and item.get_closest_marker("heyoka"):

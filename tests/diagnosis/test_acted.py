@@ -11,6 +11,8 @@ import pytest
 import deltac as dc
 from tests.systems.cart_pole import CartPole, rk4
 
+pytestmark = pytest.mark.case_study("test_controllers_without_forces_in_the_log_accuse_no_model")
+
 STEP, ROWS, HELD = 0.002, 900, 5
 Actuator = Callable[[np.ndarray], np.ndarray]
 

@@ -121,6 +121,7 @@ def test_masses_off_by_two_percent(factor: float) -> None:
     assert cause.factor == pytest.approx(1.0 / factor, rel=1e-9)
 
 
+@pytest.mark.long
 def test_one_body_heavier_by_two_percent() -> None:
     model = with_changes(ARM, body_mass=[1.0, 1.0, 1.02])
     cause = the_cause(audit(model, arm_run()), "body-mass")
@@ -128,6 +129,7 @@ def test_one_body_heavier_by_two_percent() -> None:
     assert cause.factor == pytest.approx(1.0 / 1.02, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("xml", "run"),
     [(ARM, arm_run), pytest.param(BOX, box_run, marks=pytest.mark.slow)],
@@ -152,6 +154,7 @@ def test_gravity_two_percent_off() -> None:
     assert values["findings"][0]["kind"] == "gravity"
 
 
+@pytest.mark.long
 def test_a_wrong_gear() -> None:
     found = audit(model_of(ARM), scaled(arm_run(), "actuator m1", 1.1))
     cause = the_cause(found, "actuator-gear")
@@ -194,6 +197,7 @@ def test_an_equality_force_that_is_withheld() -> None:
     assert the_cause(audit(heavier, run), "gravity").element == "gravity"
 
 
+@pytest.mark.long
 def test_a_log_that_is_off_its_constraints() -> None:
     problem = dc.problems.load("n-four-bar")
     run = dc.simulate(problem.mechanism, problem.state, duration=0.5, step=4e-3, solver="ode8")

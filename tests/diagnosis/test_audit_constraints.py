@@ -40,6 +40,7 @@ def turning(ratio: float, rows: int = 100) -> Trajectory:
     )
 
 
+@pytest.mark.long
 def test_a_wrong_ratio_is_no_drift() -> None:
     kinds = {f.kind for f in dc.audit(geared(12.0), turning(11.8)).findings}
     assert "constraint-violation" in kinds and "constraint-drift" not in kinds

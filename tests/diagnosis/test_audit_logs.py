@@ -29,6 +29,19 @@ from tests.systems.mujoco_models import (  # noqa: E402
     without,
 )
 
+pytestmark = pytest.mark.case_study(
+    "test_missing_rows_are_named_not_accused",
+    "test_values_one_row_old_are_named",
+    "test_columns_in_another_order_are_put_right",
+    "test_a_log_of_another_model_is_refused_with_the_closest_names",
+    "test_a_log_of_another_model_lists_names_once",
+    "test_leaving_out_rows_acquits_nobody",
+    "test_the_table_adds_up",
+    "test_a_run_in_which_nothing_moves",
+    "test_single_precision_logs_are_not_accused",
+    "test_a_free_body_is_judged_by_its_kinetic_energy",
+)
+
 # --- logs that cannot be judged -------------------------------------------------------------------
 
 

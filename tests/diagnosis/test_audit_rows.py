@@ -15,6 +15,12 @@ from deltac.arrays import Array
 from tests.support.slow import crossed, repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, generalized_alpha, log
 
+pytestmark = pytest.mark.case_study(
+    "test_integration_error_is_told_without_accelerations",
+    "test_a_rotor_beside_implicit_damping_is_told_to_rounding",
+    "test_algorithmic_accelerations_accuse_nobody",
+)
+
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
 WRONG = CartPole(gravity=9.81 * 1.02)

@@ -85,6 +85,7 @@ FEW = ("rk4", "coarse", "wrong mass", "uneven", "two rows", "spike", "blown up",
 """Logs of every verdict and of every kind of trouble."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("way", "names"),
     [

@@ -15,6 +15,8 @@ from deltac.arrays import Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.trajectories.formats.floating import floating_base, packed
 
+pytestmark = pytest.mark.case_study
+
 N, MASS, SPRING, CUBIC = 3, 0.5, 80.0, 900.0
 
 

@@ -19,6 +19,8 @@ import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.measurements.kinematics import coordinates_against_speeds
 
+pytestmark = pytest.mark.case_study("test_a_zero_that_is_off_is_put_right[rail-0]")
+
 CART, BOB, ARM, INERTIA, DAMPING, G = 2.0, 0.7, 0.6, 0.02, 0.4, 9.81
 H, STEPS = 2e-3, 2000
 

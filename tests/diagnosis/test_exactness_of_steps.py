@@ -13,6 +13,8 @@ import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, intermittent, nothing
 
+pytestmark = pytest.mark.case_study
+
 G = 9.81
 
 

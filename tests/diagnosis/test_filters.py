@@ -14,6 +14,11 @@ from deltac.diagnosis.inputs.omissions import limits_reached
 from deltac.importers.report import ImportReport, Remark
 from tests.systems.cart_pole import CartPole, log
 
+pytestmark = pytest.mark.case_study(
+    "test_limits_that_rows_reach",
+    "test_the_log_itself_went_through_none",
+)
+
 SYSTEM = CartPole(drive=0.0)
 STEP, LATE = 0.002, 20
 MASS, LENGTH, INERTIA, DAMPING, GRAVITY = 0.9, 0.35, 0.02, 0.06, 9.81

@@ -27,6 +27,8 @@ from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import observations
 from tests.support.slow import crossed, repeated
 
+pytestmark = pytest.mark.case_study
+
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2
 

@@ -19,6 +19,8 @@ from deltac.kernels.rows import at_rows
 from tests.support.slow import repeated
 from tests.systems.cart_pole import CartPole, generalized_alpha, log
 
+pytestmark = pytest.mark.case_study("test_forces_that_change_smoothly_are_not_held")
+
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
 WRONG = CartPole(gravity=9.81 * 1.02)

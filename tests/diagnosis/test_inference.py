@@ -264,6 +264,7 @@ def test_without_speeds_nothing_is_assumed_of_them() -> None:
     assert white[:-1, :, 0] == pytest.approx(white[:-1, :, 1], rel=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("step", "names"),
     [
@@ -340,6 +341,7 @@ def test_a_mistake_is_named_with_its_size_beside_an_unknown_integrator(
         assert cause.size == pytest.approx(true, abs=4.0 * cause.size_error + 0.02 * off)
 
 
+@pytest.mark.long
 def test_odds_of_verdicts_are_probabilities() -> None:
     """They add up to one, and the verdict is the most probable, whatever is wrong."""
     kinds = {"consistent", "integration-error", "equation-error", "unresolved"}
@@ -354,6 +356,7 @@ def test_odds_of_verdicts_are_probabilities() -> None:
             assert audit.odds[audit.verdict.kind] == max(audit.odds.values()) >= 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("h", repeated((1e-3, 2e-3), 2e-3))
 def test_joules_of_integrator_and_mistake_add_up_and_agree_with_reruns(h: float) -> None:
     parts = dc.audit(MECHANISM, log(semi_implicit_euler, h, c2=0.015)).attribution
@@ -484,6 +487,7 @@ def test_a_model_with_a_cause_is_that_of_the_textbook_with_other_numbers(
         assert found[k] == pytest.approx([a, b - a], rel=1e-11)  # rounding of two factorisations
 
 
+@pytest.mark.long
 def test_a_large_mistake_beside_a_coarse_integrator_is_told_without_another() -> None:
     """A mass 40 % too large and semi-implicit Euler: what the first order in either misses is no cause."""
     audit = dc.audit(MECHANISM, log(semi_implicit_euler, 5e-3, m2=0.7 * 1.4))
@@ -493,6 +497,7 @@ def test_a_large_mistake_beside_a_coarse_integrator_is_told_without_another() ->
     assert audit.integrator is not None and "semi-implicit-euler" in audit.integrator.names
 
 
+@pytest.mark.long
 def test_joules_are_those_of_steps_and_flows_of_both_equations() -> None:
     """A damper three times as strong, and steps of 5 ms: each against the textbook's exact flows.
 
@@ -560,6 +565,7 @@ def test_states_that_were_filtered_are_told_by_the_filters_delay() -> None:
     assert told.factor == pytest.approx(h * delay[0], rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_step_of_a_log_that_lacks_rows_and_does_not_say_its_step() -> None:
     for step, parts in ((explicit_euler, 4), (semi_implicit_euler, 5)):
         run = log(step, 4e-3, duration=2.0).every(parts)
@@ -759,6 +765,7 @@ def driven(amplitude: float = 0.3) -> dc.Mechanism:
     )
 
 
+@pytest.mark.long
 def test_laws_of_time_go_through_the_filter_of_a_log() -> None:
     """A causal Butterworth filter is late by its group delay; an amplitude of 1.05 is no delay."""
     model = driven()

@@ -17,6 +17,16 @@ import deltac as dc
 from tests.natural_logs.cases import AS_IS, CASES, Case
 from tests.support.slow import repeated
 
+pytestmark = pytest.mark.case_study(
+    "test_a_pendulums_logs_are_judged_by_one_judgement[right]",
+    "test_a_pendulums_logs_are_judged_by_one_judgement[coarse]",
+    "test_a_pendulums_logs_are_judged_by_one_judgement[another gravity]",
+    "test_a_pendulums_logs_are_judged_by_one_judgement[degrees]",
+    "test_a_pendulums_logs_are_judged_by_one_judgement[at rest]",
+    "test_a_pendulums_logs_are_judged_by_one_judgement[three rows]",
+    "test_natural_logs_are_judged_by_one_judgement[timetable.csv]",
+)
+
 PROBLEM = dc.problems.load("double-pendulum")
 PENDULUM = PROBLEM.mechanism
 START = PENDULUM.state({"joint1": 0.9, "joint2": 0.4}, {"joint1": 0.3, "joint2": -0.2})

@@ -15,6 +15,8 @@ from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.reduced import reductions
 from tests.support.slow import repeated
 
+pytestmark = pytest.mark.case_study("test_inertia_is_that_of_the_independent_speeds")
+
 LENGTH, FOOT, ROD, HEAD, INERTIA, BRAKE, GRAVITY = 1.2, 0.5, 0.2, 0.4, 0.05, 0.3, 9.81
 """The mass of the rod is at the foot."""
 Rate = Callable[[float, float], float]

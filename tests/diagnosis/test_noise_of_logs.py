@@ -14,6 +14,8 @@ import deltac as dc
 from tests.support.slow import crossed, repeated
 from tests.systems.cart_pole import CartPole, log
 
+pytestmark = pytest.mark.case_study("test_the_bar_of_the_energy_covers_digits")
+
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
 

@@ -16,6 +16,8 @@ import deltac as dc
 from deltac.arrays import Array
 from tests.support.slow import crossed
 
+pytestmark = pytest.mark.case_study
+
 MASS, ARM, CENTRAL, DAMPING, G = 1.3, 0.4, 0.05, 0.08, 9.81
 HEAVIER = 1.2
 """Central moment of inertia of the model in that of the run."""

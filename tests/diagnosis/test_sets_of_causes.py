@@ -9,6 +9,8 @@ import pytest
 
 import deltac as dc
 
+pytestmark = pytest.mark.case_study("test_a_mass_and_a_damper_of_a_pendulum_are_one_of_two")
+
 G = 9.81
 
 

@@ -16,6 +16,8 @@ from scipy.linalg import expm
 import deltac as dc
 from deltac.arrays import Array
 
+pytestmark = pytest.mark.case_study
+
 H, STEPS, FINER = 0.01, 400, 8
 MASSES, STIFFNESS = np.array([1.2, 0.8, 1.7, 0.6]), np.array([60.0, 35.0, 50.0, 25.0])
 ROTORS, DAMPING = np.array([0.26, 0.11, 0.33, 0.21]), np.array([0.2, 0.33, 0.19, 0.24])

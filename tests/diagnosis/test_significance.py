@@ -15,6 +15,8 @@ import deltac as dc
 from deltac.arrays import Array
 from tests.diagnosis.test_pendulum_logs import rk4
 
+pytestmark = pytest.mark.case_study
+
 G = 9.81
 
 # --- a ball that is in contact in some of the rows ---

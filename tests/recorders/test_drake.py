@@ -108,6 +108,7 @@ def test_forces_through_the_port_are_no_limits(method: str, sampled: bool) -> No
     assert np.abs(dc.residuals(mechanism(), run)["coordinates"]).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_planted_fault_is_named() -> None:
     run = arm(0.005, "runge_kutta3").trajectory()
     assert dc.audit(mechanism(), run).verdict.kind == "consistent"

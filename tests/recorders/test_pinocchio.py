@@ -133,6 +133,7 @@ def test_a_driven_arm_closes_at_the_order_of_its_integrator() -> None:
     assert np.abs(left).max() < 1e-12
 
 
+@pytest.mark.long
 def test_a_planted_fault_is_named() -> None:
     run = driven_arm(0.01)
     audit = dc.audit(arm_mechanism(mass=0.9), run)

@@ -117,6 +117,7 @@ def test_a_joint_limit(client: int, tmp_path: Path) -> None:
     assert np.abs(dc.residuals(mechanism(), run)["coordinates"]).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_planted_fault_is_named(client: int, tmp_path: Path) -> None:
     run = as_motor(arm(client, tmp_path, 0.001).trajectory())
     audit = dc.audit(mechanism(mass=0.9), run)

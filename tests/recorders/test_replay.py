@@ -14,6 +14,18 @@ from deltac.codes import finding_code
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
 
+pytestmark = pytest.mark.case_study(
+    "test_the_first_row_that_departs_is_named",
+    "test_forms_of_logs_are_no_departures[float32]",
+    "test_logs_that_cannot_be_replayed",
+    "test_models_that_cannot_be_replayed",
+    "test_forces_that_a_model_lacks_are_not_stepped",
+    "test_what_a_passive_body_touched_is_replayed_without_controls",
+    "test_frame_skip_is_recorded_step_by_step",
+    "test_gymnasium_environments_are_recorded",
+    "test_dm_control_environments_are_recorded",
+)
+
 HERE = Path(__file__).parents[1] / "natural_logs"
 MODEL, LOG = HERE / "arm_motors.xml", HERE / "logs" / "mujoco_policy_50hz.npz"
 

@@ -65,6 +65,7 @@ def run(folder: Path, **inputs: str) -> Outcome:
     )
 
 
+@pytest.mark.long
 def test_logs_with_blanks_in_their_names_are_judged_each_with_a_page(tmp_path: Path) -> None:
     logs = tmp_path / "my logs"
     logs.mkdir()

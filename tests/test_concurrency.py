@@ -11,6 +11,7 @@ import pytest
 from tests.support.verbs import WAYS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "way", [way if way == "fork" else pytest.param(way, marks=pytest.mark.slow) for way in WAYS]
 )

@@ -26,10 +26,18 @@ NUMBER = re.compile(
 )
 LINK = re.compile(r"\]\((?!\w+:)([^)#\s]*)(?:#([^)\s]*))?\)")
 IMAGE = re.compile(r'<img [^>]*src="([^"]+)"')
+AUDITS = ("docs/audit.md", "docs/explain.md", "docs/scipy.md")
+"""Documents whose examples audit logs."""
 ROUNDING = 1e-8  # smaller numbers are sizes of errors: only their magnitude is meant
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=NAMES)
+@pytest.mark.parametrize(
+    "document",
+    [
+        pytest.param(path, id=name, marks=[pytest.mark.long] if name in AUDITS else [])
+        for path, name in zip(DOCUMENTS, NAMES)
+    ],
+)
 def test_examples_run_and_print_what_they_show(
     document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

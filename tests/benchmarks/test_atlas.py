@@ -26,6 +26,13 @@ from tests.support.slow import repeated
 
 pytest.importorskip("mujoco", reason="URDF files are read by MuJoCo")
 
+pytestmark = pytest.mark.case_study(
+    "test_rows_of_a_plan",
+    "test_a_model_that_is_too_large_says_so",
+    "test_every_simulator_makes_the_same_motion[deltac-ode4]",
+    "test_models_that_cannot_be_run_are_rows_with_their_reason",
+)
+
 LINK = """
  <link name="{name}"><inertial><origin xyz="0.02 0.01 -{half}" rpy="0.1 0 0"/><mass value="{mass}"/>
   <inertia ixx="{I}" iyy="{J}" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""

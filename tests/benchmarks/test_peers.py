@@ -15,6 +15,8 @@ from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
 from tests.support.slow import repeated
 
+pytestmark = pytest.mark.case_study("test_rival_converges_at_its_order")
+
 peers: ModuleType = pytest.importorskip(
     "peers", reason="the benchmarks are not part of an installed package"
 )

@@ -40,6 +40,8 @@ from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.report.style import COLOURS
 
+pytestmark = pytest.mark.case_study
+
 KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees", "difference"]
 KEYS.append("source")
 TESTED = ("4.1", "4.2", "4.3", "4.4", "4.6", "4.7", "4.9", "4.10")

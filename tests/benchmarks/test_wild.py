@@ -14,6 +14,8 @@ from deltac.repair.tracing.program import read
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import read_source
 
+pytestmark = pytest.mark.case_study("test_every_style_is_read")
+
 BRIEF = ("hopper_branch", "quadrotor_scalar", "rigid_body_quaternion", "masses_loop", "slip_class")
 
 

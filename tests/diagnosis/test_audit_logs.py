@@ -32,6 +32,7 @@ from tests.systems.mujoco_models import (  # noqa: E402
 pytestmark = pytest.mark.case_study(
     "test_missing_rows_are_named_not_accused",
     "test_values_one_row_old_are_named",
+    "test_quaternions_scalar_last_are_named",
     "test_columns_in_another_order_are_put_right",
     "test_a_log_of_another_model_is_refused_with_the_closest_names",
     "test_a_log_of_another_model_lists_names_once",

@@ -96,6 +96,7 @@ def test_columns_are_what_a_change_does(what: str) -> None:
     np.testing.assert_allclose(effect, difference, rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("own", "rel"), [(True, 1e-8), pytest.param(False, 3e-3, marks=pytest.mark.slow)]
 )

@@ -15,10 +15,7 @@ from deltac.diagnosis.inference.inference import infer_alone
 from deltac.diagnosis.inference.model import LogModel
 from tests.support.slow import repeated
 
-pytestmark = pytest.mark.case_study(
-    "test_the_log_itself_has_no_doubt",
-    "test_a_convention_is_named_and_accuses_nobody[absolute-angles--absolute]",
-)
+pytestmark = pytest.mark.case_study("test_the_log_itself_has_no_doubt")
 
 Change = Callable[[dc.Trajectory], dc.Trajectory]
 

@@ -11,6 +11,12 @@ import deltac as dc
 from deltac.problems.problem import Problem
 from tests.support.slow import repeated
 
+pytestmark = pytest.mark.case_study(
+    "test_a_corrected_log_is_the_exact_motion[case2]",
+    "test_what_the_noise_of_the_first_row_makes_of_the_motion_is_told[1e-08]",
+    "test_an_error_that_is_not_seen_is_not_corrected[0.0]",
+)
+
 
 def log_of(problem: Problem, solver: str, duration: float, step: float) -> dc.Trajectory:
     """A run as another program would log it: t, q and u alone."""

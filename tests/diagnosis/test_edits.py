@@ -58,7 +58,16 @@ def test_all_kinds_of_causes_of_the_geometry_build_mechanisms() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", sorted({c.kind for c in CAUSES}))
+QUICK = ("joint-axis", "body-position", "link-length")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[] if kind in QUICK else [pytest.mark.long])
+        for kind in sorted({c.kind for c in CAUSES})
+    ],
+)
 def test_columns_at_what_is_built_are_its_derivatives(kind: str) -> None:
     """Differences of second order with steps of 1e-4 have errors of some 1e-8."""
     rng = np.random.default_rng(3)

@@ -69,6 +69,7 @@ def test_another_gear_is_the_same_cause_to_audit_and_explanation() -> None:
     assert "With the forces as logged, the equations hold" in str(told)
 
 
+@pytest.mark.long
 def test_another_gear_beside_another_cause() -> None:
     model = with_changes(ARM, actuator_gear=[2.0, 1.0], body_mass=[1, 1, 1 / 1.02])
     causes = {
@@ -81,6 +82,7 @@ def test_another_gear_beside_another_cause() -> None:
     assert causes == pytest.approx(planted, rel=1e-6)
 
 
+@pytest.mark.long
 def test_an_explanation_says_itself_in_full() -> None:
     found = dc.explain_residual(with_changes(ARM, body_mass=[1, 1, 1 / 1.02]), rubbed_run())
     said = found.explain()

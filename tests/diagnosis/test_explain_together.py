@@ -16,6 +16,11 @@ from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.errors import LogError
 
+pytestmark = pytest.mark.case_study(
+    "test_the_steps_of_a_study_share_what_is_wrong",
+    "test_an_empty_list_is_no_log",
+)
+
 DAMPING, NOISE = 0.05, 1e-3
 
 

@@ -21,10 +21,7 @@ mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not install
 from tests.support.slow import crossed, repeated  # noqa: E402
 from tests.systems.mujoco_models import ARM, BOX, arm_run, box_run, model_of, scaled, with_changes  # noqa: E402
 
-pytestmark = pytest.mark.case_study(
-    "test_tables_json_and_findings",
-    "test_arguments_that_make_no_sense",
-)
+pytestmark = pytest.mark.case_study("test_arguments_that_make_no_sense")
 
 EXACT = 1e-6
 NOISE = 1e-4

@@ -97,6 +97,7 @@ def test_rates_of_rows_at_the_time_of_an_event(t: list[float]) -> None:
     assert _rate(times, 3.0 * times[:, None])[:, 0] == pytest.approx([slope] * len(t), abs=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stopped", [False, True])
 @pytest.mark.parametrize(("restitution", "step"), [(0.5, 0.04), (0.8, 0.01), (0.7, 0.04)])
 def test_impacts_of_whole_steps_accuse_nobody(

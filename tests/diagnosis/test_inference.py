@@ -408,7 +408,7 @@ def test_a_torque_that_was_held_is_not_the_integrators_error() -> None:
     mechanism, run = held()
     audit = dc.audit(mechanism, run)
     assert audit.verdict.kind == "consistent"
-    inference = infer(mechanism, run)
+    inference = audit.inference
     assert inference is not None and inference.forces == ("start",)
     # RK4's own error is h⁴ of the energy: 1e-10 J here.
     assert abs(inference.attribution.integrator.energy) < 1e-9
@@ -439,6 +439,7 @@ def test_quaternions_differ_by_rotation_vectors() -> None:
     assert moved[0, 6:] == pytest.approx(np.zeros(6))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_rows_of_noise_accuse_nobody(seed: int) -> None:
     """Columns share their noise with the prediction errors: what fits them so is its bias, and no mistake."""
@@ -641,9 +642,9 @@ def servo(h: float) -> tuple[dc.Mechanism, dc.Trajectory]:
 @pytest.mark.parametrize("h", [4e-3, 2e-3])
 def test_a_torque_of_the_instant_accuses_nobody(h: float) -> None:
     mechanism, run = servo(h)
-    inference = infer(mechanism, run)
-    assert inference is not None and not inference.posterior.best.chosen
-    assert dc.audit(mechanism, run).verdict.kind == "consistent"
+    audit = dc.audit(mechanism, run)
+    assert audit.inference is not None and not audit.inference.posterior.best.chosen
+    assert audit.verdict.kind == "consistent"
 
 
 def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> None:

@@ -20,8 +20,6 @@ from tests.support.slow import repeated
 pytestmark = pytest.mark.case_study(
     "test_a_pendulums_logs_are_judged_by_one_judgement[right]",
     "test_a_pendulums_logs_are_judged_by_one_judgement[coarse]",
-    "test_a_pendulums_logs_are_judged_by_one_judgement[another gravity]",
-    "test_a_pendulums_logs_are_judged_by_one_judgement[degrees]",
     "test_a_pendulums_logs_are_judged_by_one_judgement[at rest]",
     "test_a_pendulums_logs_are_judged_by_one_judgement[three rows]",
     "test_natural_logs_are_judged_by_one_judgement[timetable.csv]",

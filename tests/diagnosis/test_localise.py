@@ -117,6 +117,7 @@ def test_accelerations_that_a_run_lacks_are_those_of_its_speeds(
     assert dc.localise("triple-pendulum", replace(right, udot=None)).departures == ()
 
 
+@pytest.mark.long
 def test_an_audit_names_the_equations_that_depart(
     mistaken: tuple[dc.problems.Problem, dc.Trajectory],
 ) -> None:

@@ -408,6 +408,7 @@ SLIDER = """
 </mujoco>"""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "tolerance", "solvers"),
     [

@@ -231,6 +231,7 @@ def test_two_terms_of_one_sine_are_missing() -> None:
     assert found.fixes and all(fix.ran for fix in found.fixes) and found.certain
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [

@@ -53,6 +53,7 @@ def test_rk4_over_contacts_closes_to_rounding() -> None:
     assert audit.attribution.integrator.error < 1e-9 * audit.reference_energy
 
 
+@pytest.mark.long
 def test_a_mass_is_found_beside_contacts() -> None:
     model, run = fallen(0.8)
     assert any(name.kind == "contact" for name in run.forces)
@@ -116,6 +117,7 @@ def lacking(run: dc.Trajectory, mass: float, model: float) -> float:
     return total
 
 
+@pytest.mark.long
 def test_a_mistake_beside_a_servo_has_its_joules() -> None:
     run = swung(1.03)
     audit = dc.audit(mujoco.MjModel.from_xml_string(SERVO.format(mass=1.0)), run)

@@ -41,6 +41,7 @@ def test_a_run_at_that_step_has_that_error(case: tuple[str, str]) -> None:
     assert error == pytest.approx(tolerance, rel=0.3)
 
 
+@pytest.mark.long
 def test_it_is_refused_where_nothing_is_known() -> None:
     pendulum = dc.problems.load("simple-pendulum")
     with pytest.raises(dc.InputError, match="within their error"):
@@ -64,6 +65,7 @@ def test_joules_of_the_integrator_where_joints_are_driven(name: str, rated: bool
     assert apart.max() < 0.04 * np.abs(delta_c).max()
 
 
+@pytest.mark.long
 def test_what_an_audit_says_of_steps() -> None:
     pendulum = dc.problems.load("double-pendulum")
     audit = dc.audit(pendulum, log_of(pendulum, "semi-implicit-euler", 2e-3))
@@ -101,6 +103,7 @@ def test_noise_forbids_a_prediction() -> None:
     assert refused.value.code == "E-SOLVER"
 
 
+@pytest.mark.long
 def test_a_log_that_contradicts_itself_is_refused_with_what_does() -> None:
     top = dc.problems.load("heavy-top")
     with pytest.raises(dc.InputError, match="contradicts itself.*clock-scale"):

@@ -105,6 +105,7 @@ def test_rounding_of_energies_at_rest_is_resolved() -> None:
     assert "predicted" not in found.explain()
 
 
+@pytest.mark.long
 def test_a_body_that_has_settled_tells_nothing_of_an_integrator() -> None:
     """It sinks by roundings of its height; weight and floor exchange more than it has, and no step helps."""
     ball = dc.Mechanism(

@@ -69,13 +69,22 @@ LIKE_OTHERS = (
 """Problems whose class another fast case shows, and whose motion takes long."""
 
 
-def cases(*slow: str) -> pytest.MarkDecorator:
-    """Every case; those that end like one of `slow` are slow."""
-    marked = [pytest.param(c, marks=[pytest.mark.slow] if c.endswith(slow) else []) for c in CASES]
-    return pytest.mark.parametrize("case", marked)
+LONG = ("andrews-squeezer", "ball-on-table", "bricard", "rolling-disc", "stiff-governor")
+"""Problems whose motion takes seconds, and which no other case is like."""
 
 
-every_case, every_motion = cases(*SLOW), cases(*SLOW, *LIKE_OTHERS)
+def cases(slow: tuple[str, ...], long: tuple[str, ...] = ()) -> pytest.MarkDecorator:
+    """Every case; those that end like one of `slow` are slow, those of `long` long."""
+
+    def marks(case: str) -> list[pytest.MarkDecorator]:
+        if case.endswith(slow):
+            return [pytest.mark.slow]
+        return [pytest.mark.long] if case in long else []
+
+    return pytest.mark.parametrize("case", [pytest.param(c, marks=marks(c)) for c in CASES])
+
+
+every_case, every_motion = cases(SLOW), cases((*SLOW, *LIKE_OTHERS), LONG)
 
 
 @every_case

@@ -98,6 +98,7 @@ def test_a_mapping_says_which_clock_it_is(tmp_path: Path) -> None:
     assert places[1] == (100.0, pytest.approx(0.02 * np.sin(900.0), abs=1e-15))
 
 
+@pytest.mark.long
 def test_an_audit_says_that_a_driven_joint_follows_its_law_by_another_clock(tmp_path: Path) -> None:
     model = driven("A*sin(9*t)")
     run = dc.simulate(model, model.state({"swing": 1.0}), duration=0.3, step=1e-2)

@@ -15,6 +15,7 @@ from deltac.importers.report import ImportReport, Remark
 from tests.systems.cart_pole import CartPole, log
 
 pytestmark = pytest.mark.case_study(
+    "test_a_filter_of_all_states_is_told_with_its_delay",
     "test_limits_that_rows_reach",
     "test_the_log_itself_went_through_none",
 )

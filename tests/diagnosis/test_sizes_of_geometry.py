@@ -18,7 +18,9 @@ import deltac as dc
 from deltac.arrays import Array
 from tests.support.slow import repeated
 
-pytestmark = pytest.mark.case_study("test_the_right_model_is_right")
+pytestmark = pytest.mark.case_study(
+    "test_the_right_model_is_right", "test_the_ratio_of_an_elastic_gear[0.05]"
+)
 
 UPPER, LOWER, LENGTH, G = 1.2, 0.8, 0.4, 9.81
 CENTRES, MOMENTS = (0.2, 0.15), (0.02, 0.012)

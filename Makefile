@@ -110,7 +110,7 @@ torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: not
 bench-fleets: $(TEST)  ## what sweeps and audits of many logs cost beside the bare calls
 	$(PY) benchmarks/fleets.py $(ARGS)
 
-docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test)
+docs: $(TEST)  ## run the examples in documents and docstrings, follow the links (part of test and test-long)
 	$(PYTEST) tests/test_docs.py $(ARGS)
 
 site: $(DEV)  ## the documentation site, into site/: strictly, without the network; opens from disk

@@ -114,6 +114,7 @@ def test_other_damping_than_the_models() -> None:
     assert cause.factor == pytest.approx(0.5, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", repeated((1.02, 0.98), 1.02))
 def test_masses_off_by_two_percent(factor: float) -> None:
     model = with_changes(ARM, body_mass=factor, body_inertia=factor)

@@ -57,6 +57,7 @@ def test_the_stribeck_speed_is_tested() -> None:
     assert kind(mechanism, rhs(1e-4, 0.0)) == "equation-error"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", [1e-3, 1e-6])
 def test_slip_that_is_a_difference_of_speeds(width: float) -> None:
     """A bead on a cart; own speeds are both absolute, so slip is their difference."""

@@ -12,7 +12,6 @@ from deltac.problems.problem import Problem
 from tests.support.slow import repeated
 
 pytestmark = pytest.mark.case_study(
-    "test_a_corrected_log_is_the_exact_motion[case2]",
     "test_what_the_noise_of_the_first_row_makes_of_the_motion_is_told[1e-08]",
     "test_an_error_that_is_not_seen_is_not_corrected[0.0]",
 )

@@ -316,6 +316,7 @@ def test_an_integrator_is_named_by_its_map_or_its_modified_equation(
     assert name in found.names
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mistake", "noise"),
     crossed(

@@ -180,6 +180,7 @@ def test_two_mistakes(edits: list[tuple[str, str]], target: Target) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_number_of_mutants_of_every_kind(target: Target) -> None:
     """All detected, nothing false as certain, nearly all repaired; `make bench-repair` takes thousands."""
     made = [m for m in mutants(EQUATIONS, "rhs", seed=1)]

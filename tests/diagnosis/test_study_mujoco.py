@@ -53,6 +53,7 @@ def test_a_state_of_the_imported_mechanism_will_do() -> None:
     assert found.verdict.kind == "consistent"
 
 
+@pytest.mark.long
 def test_controls_are_held_over_a_step() -> None:
     model = model_of(ARM)
 
@@ -81,6 +82,7 @@ LOOP = """<mujoco><option gravity="0 0 -9.81"><flag contact="disable"/></option>
  <equality><connect name="tip" body1="coupler" body2="rocker" anchor="0.4 0 0"/></equality></mujoco>"""
 
 
+@pytest.mark.long
 def test_a_soft_constraint_that_the_model_lacks_is_a_force_of_the_log() -> None:
     model = model_of(LOOP)
     data = mujoco.MjData(model)

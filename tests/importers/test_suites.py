@@ -104,6 +104,7 @@ def captured(monkeypatch: pytest.MonkeyPatch) -> None:
 _compared: set[Any] = set()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("domain, task", tasks())
 def test_task_of_dm_control(domain: str, task: str, captured: None) -> None:
     from dm_control import suite

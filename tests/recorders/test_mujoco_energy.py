@@ -119,6 +119,7 @@ ORDERS = {"rk4": (3.8, 5.2)}
 """Everything else is of first order. For a linear system RK4's energy error is one order higher."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     repeated(

@@ -72,6 +72,7 @@ def error(mechanism: dc.Mechanism, run: Trajectory, function: str = "wang") -> t
     return float(left) / size, float(ledger.error_bar[function].max()) / size
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("function", "name"),
     crossed(("wang", "liu-huston", "kane-levinson-1990"), ("CARTS", "SWINGER", "TUMBLER", "ARM")),
@@ -132,6 +133,7 @@ def test_works_agree_with_an_integration_by_another_program() -> None:
         assert np.allclose(run.works[ChannelName.parse(name)], values, atol=1e-8 * scale)
 
 
+@pytest.mark.long
 def test_the_contact_of_a_ball() -> None:
     """The forces have kinks, so the order is lost; bars are still rounding, and ΔC is the integrator's."""
     mechanism = mechanism_of("BALL")

@@ -104,6 +104,7 @@ def test_no_scale_of_mass_or_length_costs_digits(a: float, mass: float) -> None:
     np.testing.assert_allclose(run.forces["constraint across"][0, 0], force[0], rtol=1e-10)
 
 
+@pytest.mark.long
 def test_all_verbs_take_them() -> None:
     m, s0 = bead(), 1.2
     state, twin = at(m, s0), bead()

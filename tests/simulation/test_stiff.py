@@ -99,6 +99,7 @@ def test_a_step_that_is_short_enough_is_not_blamed() -> None:
     assert "not finite" in message and "time scale" not in message
 
 
+@pytest.mark.long
 def test_implicit_solvers_take_steps_eighty_times_the_scale() -> None:
     """h = 0.01 s, 81 times 1/|λ|: the slider within millimetres for 10 s, and better with h²."""
     p = governor()

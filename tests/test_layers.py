@@ -10,6 +10,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -30,10 +31,13 @@ LEVEL = {
 }
 """Package -> how high it stands."""
 
+parsed = cache(ast.parse)
+"""Several tests look at all of the package: each of its texts is parsed once."""
+
 
 def upward(source: str, package: str) -> list[str]:
     """Texts in the code that are paths of modules which stand above a package."""
-    nodes = list(ast.walk(ast.parse(source)))
+    nodes = list(ast.walk(parsed(source)))
     documentation = {
         id(node.value)
         for node in nodes
@@ -73,7 +77,7 @@ def statements(node: ast.AST) -> Iterator[ast.ImportFrom]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.ImportFrom) and str(child.module).startswith("deltac."):
             yield child
-        elif not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+        elif not (isinstance(child, ast.If) and getattr(child.test, "id", "") == "TYPE_CHECKING"):
             yield from statements(child)
 
 
@@ -82,7 +86,7 @@ def graph(modules: Mapping[str, str]) -> dict[str, set[str]]:
     edges: dict[str, set[str]] = {}
     for module, source in modules.items():
         targets = set()
-        for statement in statements(ast.parse(source)):
+        for statement in statements(parsed(source)):
             for alias in statement.names:
                 inner = f"{statement.module}.{alias.name}"
                 targets.add(inner if inner in modules else str(statement.module))
@@ -90,6 +94,7 @@ def graph(modules: Mapping[str, str]) -> dict[str, set[str]]:
     return edges
 
 
+@cache
 def sources() -> dict[str, str]:
     files = (ROOT / "src/deltac").rglob("*.py")
     names = {".".join(p.relative_to(ROOT / "src").with_suffix("").parts): p for p in files}
@@ -108,6 +113,7 @@ def test_imports_make_no_circle() -> None:
     TopologicalSorter(graph(sources())).prepare()
 
 
+@cache
 def public_names() -> set[tuple[str, str]]:
     """(module, name) of what stubs and public modules list; fronts of the core are for packages alone."""
     fronts = {ROOT / "src/deltac" / name / "__init__.pyi" for name in CORE} - {TRAJECTORIES}
@@ -150,7 +156,7 @@ def test_clients_import_public_names_only(client: str) -> None:
         (module, statement.module, alias.name)
         for module, source in sources().items()
         if module.startswith(f"deltac.{client}")
-        for statement in ast.walk(ast.parse(source))
+        for statement in ast.walk(parsed(source))
         if isinstance(statement, ast.ImportFrom) and str(statement.module).startswith("deltac")
         if not str(statement.module).startswith((f"deltac.{client}", *COMMON))
         for alias in statement.names
@@ -171,7 +177,7 @@ def test_commands_import_public_names_of_the_core_only() -> None:
         (module, statement.module, alias.name)
         for module, source in sources().items()
         if module.startswith("deltac.cli")
-        for statement in statements(ast.parse(source))
+        for statement in statements(parsed(source))
         if str(statement.module).split(".")[1] in CORE
         for alias in statement.names
         if (statement.module, alias.name) not in public_names() | homes

@@ -105,8 +105,8 @@ def _with_corrections(
     correction = (across @ residual[:, :, None])[:, :, 0]
     curve = log.running(at.work(correction))
     of_rows = np.sum(((at.gradient[:, None] @ across)[:, 0] * log.noise[1]) ** 2, axis=1)
-    noise = np.sqrt(of_rows + of_rows[0])
-    seen = float(np.mean((curve / (noise + 1e-300)) ** 2))
+    noise = np.sqrt(of_rows + of_rows[0]) + 1e-300
+    seen = float(np.max((curve / (SIGNIFICANT * noise)) ** 2))
     real = 1.0 - 1.0 / max(seen, 1.0)
     errors = share.curve_error, real * noise, real * (1.0 - real) * curve
     error = np.linalg.norm(errors, axis=0)

@@ -513,22 +513,18 @@ def maps(
     methods: Sequence[Integrator] = (),
     causes: Array | None = None,
     J: Array | None = None,
-    noise: Array | None = None,
+    projected: Callable[[Rows], Iterator[Rows]] | None = None,
 ) -> Iterator[Map]:
     """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known.
 
     Parameters of methods are fitted beside accelerations (N, n, P) of `causes`. J (N, 2n, 2n) is ∂ẋ/∂x near
-    the ends of the intervals, where it is known. With constraints each is followed by the same with
-    projections onto them, if the `noise` of the rows (N, 2n) is known.
+    the ends of the intervals, where it is known. Each is followed by what it is where its ends are
+    `projected` onto constraints, if that is given.
     """
-    own = _maps(model, intervals, force, counts, parts, methods, causes, J)
-    if not model.rows_of_G or noise is None:
-        yield from own
-        return
-    projected = model.projections(intervals.end, noise)
-    for of in own:
+    for of in _maps(model, intervals, force, counts, parts, methods, causes, J):
         yield of
-        yield from (replace(of, end=end) for end in projected(of.end))
+        if projected is not None:
+            yield from (replace(of, end=end) for end in projected(of.end))
 
 
 def _maps(

@@ -11,7 +11,7 @@ where only forces between the rows are others.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import factorial
@@ -143,9 +143,16 @@ class Flow:
     @cached_property
     def maps(self) -> list[Map]:
         """Maps of methods by which the rows may follow from each other; the last is that of the flow."""
-        force, noise = self.forces.between, self.noise
-        own = maps(self.plant, self.intervals, force, self.counts, 1, self.methods, noise=noise)
+        force, put_back = self.forces.between, self.projected
+        own = maps(
+            self.plant, self.intervals, force, self.counts, 1, self.methods, projected=put_back
+        )
         return [*own, self.exact]
+
+    @cached_property
+    def projected(self) -> Callable[[Rows], Iterator[Rows]] | None:
+        """What puts ends of intervals where the flow keeps the constraints; None if there are none."""
+        return self.plant.projections(self.end, self.noise) if self.plant.rows_of_G else None
 
     @property
     def exact(self) -> Map:

@@ -123,9 +123,8 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
         return
     (c, covariance), some = series.numbers(best), slice(0, len(FIELDS))
     for method, k in parted(c[some], covariance[some, some], PARTS, flow.plant.damped):
-        log, force = point.log, point.forces.between
-        noise = log.noise[1]
-        yield from maps(flow.plant, log.intervals, force, flow.counts, k, [method], noise=noise)
+        intervals, force, put_back = point.log.intervals, point.forces.between, flow.projected
+        yield from maps(flow.plant, intervals, force, flow.counts, k, [method], projected=put_back)
 
 
 def by_own_steps(at: Regression, methods: Methods) -> Methods:

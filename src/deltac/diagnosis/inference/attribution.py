@@ -186,7 +186,8 @@ def disputed_joules(comparison: HypothesisComparison) -> Array:
     at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
         return np.zeros(len(at.B))
-    T, best, block = at.power[:, first], comparison.posterior.best, comparison.blocks[0]
+    T, best = comparison.point.log.running(at.power[:, first]), comparison.posterior.best
+    block = comparison.blocks[0]
     c, p, of_fields = comparison.numbers[0][first], block.projected, comparison.rows.projected
     # Of rows that are several steps apart the numbers are parts of those of the step.
     rays = [own for own in (numbers_of(m)[first] for m in INTEGRATORS) if own.any()]
@@ -202,9 +203,8 @@ def disputed_joules(comparison: HypothesisComparison) -> Array:
         if not np.isfinite(sigma) or not size > 0.0:
             continue
         number = np.hypot(L @ p.slope(best.coefficients, some) / size, sigma)
-        shift = np.abs(comparison.point.log.running(T) @ of_fields.to[first][:, some] @ L)
-        most = np.maximum(most, number * shift)
-    return np.minimum(np.abs(comparison.point.log.running(T) @ rest), most)
+        most = np.maximum(most, number * np.abs(T @ (of_fields.to[first][:, some] @ L)))
+    return np.minimum(np.abs(T @ rest), most)
 
 
 def equations_share(

@@ -11,6 +11,7 @@ import pytest
 import deltac as dc
 from deltac import Trajectory
 from deltac.arrays import Array
+from deltac.diagnosis.inference.model import LogModel, Rows
 
 DISC: dict[str, Any] = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}
 
@@ -79,6 +80,15 @@ def on_a_rod(by_masses: bool, steps: int = 600, h: float = 4e-3) -> Trajectory:
     )  # fmt: skip
 
 
+def bead() -> dc.Mechanism:
+    return dc.Mechanism(
+        [dc.body("carriage", 0.5, inertia=(0.1, 0.1, 0.1)), dc.point_mass("bead", 1.0)],
+        [dc.prismatic("x", "ground", "carriage", "x"), dc.prismatic("y", "carriage", "bead", "y")],
+        constraints=[dc.constraints.distance("rod", "ground", "bead", LENGTH)],
+        gravity=(0.0, -G, 0.0),
+    )
+
+
 @pytest.mark.parametrize("by_masses", [True, False])
 @pytest.mark.parametrize(("decimals", "every"), [(16, 1), (5, 1), (4, 5)])
 def test_what_keeps_a_constraint_is_a_part_of_the_step(
@@ -91,13 +101,7 @@ def test_what_keeps_a_constraint_is_a_part_of_the_step(
         q=np.round(run.q[::every], decimals),
         u=np.round(run.u[::every], decimals),
     )
-    mechanism = dc.Mechanism(
-        [dc.body("carriage", 0.5, inertia=(0.1, 0.1, 0.1)), dc.point_mass("bead", 1.0)],
-        [dc.prismatic("x", "ground", "carriage", "x"), dc.prismatic("y", "carriage", "bead", "y")],
-        constraints=[dc.constraints.distance("rod", "ground", "bead", LENGTH)],
-        gravity=(0.0, -G, 0.0),
-    )
-    audit = dc.audit(mechanism, log)
+    audit = dc.audit(bead(), log)
     assert audit.verdict.kind == "integration-error" and not audit.causes
     energy = 0.5 * run.u**2 @ MASSES + MASSES[1] * G * run.q[:, 1]
     assert audit.attribution is not None and audit.integrator is not None
@@ -107,6 +111,24 @@ def test_what_keeps_a_constraint_is_a_part_of_the_step(
     exact = decimals == 16
     assert share.error < (1e-6 if exact else 0.15) * abs(share.energy)
     assert not exact or audit.integrator.names == ("semi-implicit-euler",)
+
+
+def test_projections_of_states_onto_a_rod() -> None:
+    """The nearest point of a circle is along its radius; a state that ran away is left out, or not finite."""
+    run = on_a_rod(False, 20)
+    model = LogModel(bead(), run)
+    near = Rows(run.t[1:], run.q[1:], run.u[1:], np.zeros((20, 0)))
+    projected = model.projections(near, np.zeros((20, 4)))
+    off = replace(near, q=1.01 * near.q, u=near.u + 0.1 * near.q)
+    by_masses, nearest = projected(off)
+    # Two of Newton's steps: (1 %)⁴, and the constraint along a chord is exact, as it is quadratic.
+    assert nearest.q == pytest.approx(near.q, abs=1e-8)
+    assert nearest.u == pytest.approx(near.u, abs=1e-8)
+    assert np.linalg.norm(by_masses.q, axis=1) == pytest.approx(LENGTH, abs=1e-8)
+    assert np.abs(by_masses.q - near.q).max() > 1e-4
+    for away in (np.nan, np.inf, 1e300):
+        with np.errstate(all="ignore"):
+            assert not any(np.isfinite(x.q).all() for x in projected(replace(off, q=away * near.q)))
 
 
 @pytest.mark.parametrize("decimals", [2, 3, 4])

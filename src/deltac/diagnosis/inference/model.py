@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 
@@ -368,12 +369,13 @@ class LogModel:
                 return
             for by_masses in (True, False):
                 by = d
-                for _ in range(2):
-                    change = of(self.matrices(near.t, moved(0.5 * by))[1], by)
-                    by = by - of(constrained(moved(by), by_masses)[1], change)
-                q = moved(by)
-                own, back = constrained(q, by_masses)
-                yield Rows(at.t, q, at.u - of(back, of(own, at.u) - rates), at.F)
+                with suppress(np.linalg.LinAlgError):  # states that ran away are not put back
+                    for _ in range(2):
+                        change = of(self.matrices(near.t, moved(0.5 * by))[1], by)
+                        by = by - of(constrained(moved(by), by_masses)[1], change)
+                    q = moved(by)
+                    own, back = constrained(q, by_masses)
+                    yield Rows(at.t, q, at.u - of(back, of(own, at.u) - rates), at.F)
 
         return each
 

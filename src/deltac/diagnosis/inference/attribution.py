@@ -97,7 +97,8 @@ def _with_corrections(
 ) -> tuple[Share, Array]:
     """The share with what keeps the constraints, as a part of the step, and the residual (N, 2n) without it.
 
-    Projections move states by M⁻¹Gᵀ λ. So does noise of the rows, which comes and goes: what adds up is real.
+    Projections move states by M⁻¹Gᵀ λ. So does noise of the rows, which does not add up: joules are shrunk by
+    the share of their largest square that `SIGNIFICANT` standard errors of that noise explain.
     """
     at, log, across = comparison.at, comparison.point.log, comparison.across
     if across is None:
@@ -119,10 +120,10 @@ def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     log, defects, methods = point.log, comparison.defects, comparison.methods
     others, flow = _other_states(comparison), point.flow
     defects = [*defects, *(flow.plant.difference(flow.at(own).end, of.end) for of, own in others)]
-    if comparison.across is not None:  # there what one does otherwise is put right
-        along = (x - defects[0] for x in defects)
-        along = (x - (comparison.across @ x[:, :, None])[:, :, 0] for x in along)
-        defects = [defects[0] + x for x in along]
+    across = comparison.across
+    if across is not None:  # methods do not differ there: solvers put that right
+        apart = [x - defects[0] for x in defects]
+        defects = [defects[0] + x - (across @ x[:, :, None])[:, :, 0] for x in apart]
     curves = log.running(np.stack([at.work(x) for x in defects], axis=1)).T
     # Methods that close the rows alike do not make the same joules; nor do forces between rows of which a
     # method takes one alone.

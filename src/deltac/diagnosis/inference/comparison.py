@@ -148,8 +148,7 @@ class HypothesisComparison:
         model, n = flow.plant, flow.plant.n
         if not model.rows_of_G:
             return None
-        M, G = model.matrices(flow.end.t, flow.end.q)
-        by_impulses = np.linalg.solve(M, G.transpose(0, 2, 1))
+        by_impulses = model.impulses(flow.end.t, flow.end.q)
         sigma = np.hypot(*log.noise)
         sigma = np.maximum(sigma, EPS * sigma.max(axis=0))[:, :, None]
         across = np.zeros((len(sigma), 2 * n, 2 * n))

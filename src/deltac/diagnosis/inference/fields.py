@@ -172,10 +172,10 @@ def next_order(J: Array, fields: Array, t: Array, h: Array) -> Array:
 
 
 def taken_by_projections(model: LogModel, at: Rows, fields: Array) -> Array:
-    """What projections onto the constraints take of fields of first order (N, 2n, k), besides impulses.
+    """What an orthogonal projection onto the constraints takes of fields of first order (N, 2n, k).
 
-    A step is put back along M⁻¹Gᵀ, or orthogonally in coordinates and in speeds, along Gᵀ, by those who take
-    a pseudoinverse of G. Along the former the rows tell nothing; the latter does work of its own.
+    A projection with the masses as metric moves states along M⁻¹Gᵀ, which process noise covers. One by the
+    pseudoinverse of G moves them along Gᵀ, and so along the motion as well.
     """
     n, first = model.n, fields[:, :, :FIRST_ORDER]
     G = model.matrices(at.t, at.q)[1]

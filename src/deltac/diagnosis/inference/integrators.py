@@ -518,8 +518,8 @@ def maps(
     """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known.
 
     Parameters of methods are fitted beside accelerations (N, n, P) of `causes`. J (N, 2n, 2n) is ∂ẋ/∂x near
-    the ends of the intervals, where it is known. Each is followed by what it is where its ends are
-    `projected` onto constraints, if that is given.
+    the ends of the intervals, where it is known. Where `projected` is given, each is followed by
+    the same with its ends projected onto the constraints.
     """
     for of in _maps(model, intervals, force, counts, parts, methods, causes, J):
         yield of

@@ -544,8 +544,7 @@ def _unknown(
     across = np.zeros_like(Q)
     if model.rows_of_G:
         end = flow.end  # where solvers project
-        M, G = model.matrices(end.t, end.q)
-        directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
+        directions, _ = np.linalg.qr(model.impulses(end.t, end.q))
         size = (
             ACROSS * np.sqrt(np.mean(flow.w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
         )

@@ -313,6 +313,11 @@ class LogModel:
             M = M - self.change.force(t, q, rest, rest, F)[1]
         return M, G
 
+    def impulses(self, t: Array, q: Array) -> Array:
+        """What unit impulses of the constraints do to the speeds, M⁻¹Gᵀ (T, n, m)."""
+        M, G = self.matrices(t, q)
+        return np.asarray(np.linalg.solve(M, G.transpose(0, 2, 1)))
+
     def _of_model(self, t: Array, q: Array) -> tuple[Array, Array]:
         flat, g = self._expressions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
@@ -340,11 +345,11 @@ class LogModel:
         return Rows(at.t, q, at.u + by[:, self.n :], at.F)
 
     def projections(self, near: Rows, noise: Array) -> Callable[[Rows], Iterator[Rows]]:
-        """What puts states back onto the constraints of others `near`, by one metric or another.
+        """A function that yields states projected onto the constraints as others `near` satisfy them.
 
-        Where noise (T, 2n) hides the squares of what is put back, a linear orthogonal projection: noise hides
-        what impulses do as well. Else both, by Newton's method, each step of which squares what is left.
-        Along a displacement constraints change by G at its middle, to third order.
+        Where noise (T, 2n) hides the square of the displacement, one that is linear and orthogonal. Otherwise
+        one with the masses as metric and an orthogonal one, by two steps of Newton's method. Along a
+        displacement constraints change by G at its middle, to third order.
         """
         nothing, G = np.zeros_like(near.u), self.matrices(near.t, near.q)[1]
         inverse = np.asarray(np.linalg.pinv(G))

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, filtfilt
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, filtfilt, lfilter, savgol_filter
 
 import deltac as dc
 from deltac.arrays import Array
@@ -422,3 +423,99 @@ def test_a_method_with_held_torques_is_no_likelier_than_the_exact_motion(kind: s
     share, curve = inferred(comparison).attribution.integrator, true_joules(x, torques)
     assert comparison.maps
     assert abs(share.energy - (curve[999] - curve[1])) < 2.0 * share.error
+
+
+def implicit_euler(tolerance: float) -> Step:
+    """By iterations of the whole state that stop at a change of the speed of so much."""
+
+    def step(q: float, u: float, torque: float) -> tuple[float, float]:
+        p, v, change = q, u, np.inf
+        while abs(change) > tolerance:
+            before = v
+            p, v = q + H * v, u + H * acceleration(p, v, torque)
+            change = v - before
+        return p, v
+
+    return step
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+def test_what_the_solver_of_an_implicit_step_leaves_is_of_the_step(tolerance: float) -> None:
+    x, torques = motion(implicit_euler(tolerance))
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(1001)))
+    assert audit.verdict.kind == "integration-error"
+    assert audit.integrator is not None and audit.integrator.names == ("implicit-euler",)
+    share, true = audit.attribution.integrator, true_joules(x, torques)  # type: ignore[union-attr]
+    # The speed is off by the tolerance in each of 1000 steps; power is of the order of 1 W/(m/s).
+    assert share.energy == pytest.approx(true[-1], abs=1e3 * tolerance + 1e-6)
+
+
+def driven(every: int, damping: float = DAMPING) -> dc.Trajectory:
+    """Some rows of RK4 at 10 ms under a stiff law, of which the log has the torques at its rows alone."""
+    h = 1e-2
+
+    def torque(t: float, x: Array) -> float:
+        swing = 8.0 * np.sin(30.0 * t) * np.cos(x[0])
+        return float(swing - 3.0 * x[1] + 40.0 * (np.sin(3.0 * t) - x[0]))
+
+    def rate(t: float, x: Array) -> Array:
+        own = DAMPING * x[1] - damping * x[1]
+        return np.array([x[1], acceleration(x[0], x[1], torque(t, x)) + own / INERTIA])
+
+    rows = [np.array([0.7, 0.0])]
+    for k in range(2000):
+        t, x = k * h, rows[-1]
+        k1 = rate(t, x)
+        k2 = rate(t + h / 2, x + h / 2 * k1)
+        k3 = rate(t + h / 2, x + h / 2 * k2)
+        rows.append(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(t + h, x + h * k3)))
+    some = np.arange(0, 2001, every)
+    torques = np.array([torque(k * h, x) for k, x in enumerate(rows)])
+    run = log(np.array(rows), torques, some)
+    return replace(run, t=h * some.astype(float))
+
+
+@pytest.mark.parametrize("every", [1, 2, 4])
+def test_torques_that_rows_hardly_show_are_no_mistake(every: int) -> None:
+    """Splines through torques of 20 and 40 ms are off by what a rotor's inertia or a delay would explain."""
+    assert dc.audit(MECHANISM, driven(every)).verdict.kind in ("consistent", "unresolved")
+
+
+def test_a_damper_beside_such_torques_is_found() -> None:
+    audit = dc.audit(MECHANISM, driven(1, damping=1.05 * DAMPING))
+    assert audit.verdict.kind == "equation-error" and audit.causes[0].kind == "damping"
+    assert audit.causes[0].values[0] == pytest.approx(1.05 * DAMPING, rel=1e-2)
+
+
+def mean(x: Array, rows: int) -> Array:
+    return np.asarray(uniform_filter1d(x, rows, axis=0))
+
+
+def polynomial(x: Array, rows: int) -> Array:
+    return np.asarray(savgol_filter(x, rows, 2, axis=0))
+
+
+def late_mean(x: Array, rows: int) -> Array:
+    return np.asarray(lfilter(np.ones(rows) / rows, [1.0], x - x[0], axis=0) + x[0])
+
+
+@pytest.mark.parametrize(
+    ("through", "rows", "every", "noise"),
+    [
+        (mean, 5, 1, 1e-4),
+        (polynomial, 9, 1, 0.0),
+        (mean, 5, 4, 1e-4),
+        (mean, 9, 4, 1e-4),
+        (late_mean, 21, 4, 1e-4),
+    ],
+)
+def test_filters_of_states_beside_held_torques_accuse_nobody(
+    through: Callable[[Array, int], Array], rows: int, every: int, noise: float
+) -> None:
+    """The torques went through no filter, and noise did: integrators and causes do about the same."""
+    x, torques = motion(rk4, 4000)
+    some = np.arange(0, 4001, every)
+    read = x[some] + noise * np.random.default_rng(0).standard_normal((len(some), 2))
+    y = through(read, rows)
+    run = replace(log(x, torques, some), q=y[:, :1], u=y[:, 1:])
+    assert dc.audit(MECHANISM, run).verdict.kind in ("consistent", "unresolved")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
+from deltac.arrays import LONG_LOG, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -648,7 +648,15 @@ def _judgement(
     )
     progress(1.0)
     return Judgement(
-        run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
+        run,
+        ledger,
+        function,
+        log.consecutive,
+        inference,
+        attribution,
+        tuple(findings),
+        tolerance,
+        in_loop,
     )
 
 
@@ -664,8 +672,9 @@ def _inferred(
     begun = closed(mechanism, rows, log.ledger.energy_exchanged)
     known = {f.kind for f in log.findings}
     model, inference = LogModel(mechanism, rows), None
+    allowed = reference.tolerance * log.ledger.reference_energy
     if not isinstance(begun, Unclosed):
-        return _in_doubt(begun, model, rows, known), None
+        return _in_doubt(begun, model, rows, allowed), None
     asked = "filtered" not in known and not limit.passed("a filter of the log")
     shifted = "late-forces" in known
     # What closes rows without a cause is asked first.
@@ -683,6 +692,7 @@ def _inferred(
     if (
         inference is not None
         and "zero-offset" not in inference.kinds
+        and not (inference.methods and 1.0 - inference.explained <= SMALL_SHARE**2)
         and (
             inference.late
             or inference.excess > KNOWN
@@ -695,25 +705,29 @@ def _inferred(
         if through is None and asked:
             through = unfiltered(model, rows, (begun.kernels,))
     if through is None:
-        return _in_doubt(inference, model, rows, known), None
+        return _in_doubt(inference, model, rows, allowed), None
     before, told = through
     return inference, balanced(mechanism, before, reference.work, (*log.findings, told))
 
 
 def _in_doubt(
-    inference: Inference | None, model: LogModel, rows: Trajectory, known: Collection[str]
+    inference: Inference | None, model: LogModel, rows: Trajectory, allowed: float
 ) -> Inference | None:
-    """The inference; joules of fields that are of no known method may be those of a filter of the rows.
+    """The inference; joules that may be those of a filter of the rows are in doubt.
 
-    As much of them is in doubt as a filter explains of what the rows depart by.
+    As much of them is as nothing explains of the rows, or as a filter does where no cause and no fixed method
+    is found; all of them where states are late or smooth beside the forces, and do not follow even so. A
+    filter is asked for where it may decide: some of what is `allowed` (J) is exceeded.
     """
-    if inference is None or inference.integrator.names or inference.finds_something:
-        return inference
-    if "filtered" in known:
-        return inference
-    parts = inference.attribution
-    doubt = share_of_a_filter(model, rows) * np.abs(parts.integrator.curve)
-    return replace(inference, attribution=with_unexplained(parts, doubt))
+    if inference is None:
+        return None
+    unknown = inference.late and inference.excess > KNOWN
+    parts, share = inference.attribution, 1.0 if unknown else float(np.sqrt(inference.misfit))
+    joules = np.abs(parts.integrator.curve)
+    nameless = inference.scattered or not inference.integrator.names
+    if nameless and not inference.finds_something and joules.max() > ROUGHLY * allowed:
+        share = max(share, share_of_a_filter(model, rows))
+    return replace(inference, attribution=with_unexplained(parts, share * joules))
 
 
 def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
@@ -830,7 +844,7 @@ def _attributed(
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
         whole = len(own.t) == len(t) - 1 and not departures.log.any()
-        if inference.methods and not inference.knows_stages and whole:
+        if inference.methods and whole:
             # A step's own works and those of the flow from its row differ where forces depend on the state.
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))

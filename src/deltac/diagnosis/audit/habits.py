@@ -544,9 +544,11 @@ def share_of_a_filter(model: LogModel, run: Trajectory) -> float:
         return 0.0
     rows = _FilteredRows(model, run.take(slice(a, min(b, a + TELLING))), ())
     with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
-        fits = (rows.again(fit) for order in ORDERS for fit in rows.first(order))
-        left = min((fit.left for fit in fits), default=rows.whole)
-        return 1.0 - min(left / rows.whole, 1.0) ** 2 if rows.whole > 0.0 else 0.0
+        fits = [fit for order in ORDERS for fit in rows.first(order)]
+        if rows.whole == 0.0 or not fits:
+            return 0.0
+        best = rows.again(min(fits, key=lambda fit: fit.left))
+        return 1.0 - min(best.left / rows.whole, 1.0) ** 2
     return 1.0
 
 

@@ -71,6 +71,7 @@ class Judgement:
         attribution: ΔC in joules; None likewise.
         noticed: findings that need no inference.
         tolerance: accepted error as a fraction of the energy that the system has.
+        recorded: whether the run brought the works of its own steps.
     """
 
     run: Trajectory
@@ -81,6 +82,7 @@ class Judgement:
     attribution: Attribution | None
     noticed: tuple[Finding, ...]
     tolerance: float
+    recorded: bool = False
 
     # --- energies ---
 
@@ -245,8 +247,9 @@ class Judgement:
         if self.attribution is None:
             return 0.0, 0.0
         share, error = self.attribution.integrator, self.attribution.integrator.curve_error
-        noisy = self.inference is not None and self.inference.scattered
-        if self.ledger.method == "in-loop" and not noisy:
+        scattered = self.inference is not None and self.inference.scattered
+        own_works = self.recorded or bool(self.inference is not None and self.inference.methods)
+        if self.ledger.method == "in-loop" and own_works and not scattered:
             # ΔC is of the steps' own works. By those of the flow the integrator has other joules, which is
             # no doubt of whose these are.
             # What mistakes may hide that nobody sees is `hidden`.

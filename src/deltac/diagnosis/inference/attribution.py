@@ -408,21 +408,19 @@ def otherwise_than_by_force(point: Point, w: Array, of_noise: float, share: floa
     Of changes w (N, 2n) of states by a method in which a force moves coordinates by that `share` of the step
     times what it moves speeds. Intervals within the noise of the rows have the ratio `of_noise`.
     """
-    n, h, inertia = (
-        point.model.n,
-        point.log.intervals.h,
-        point.model.inertia(point.log.intervals.start),
-    )
-
-    def squares(x: Array) -> Array:
-        return np.asarray((inertia * x**2).sum(axis=1))
-
-    def both(x: Array) -> Array:
-        return squares(x[:, :n]) + squares(0.5 * h * x[:, n:])
-
-    size, noise = both(w), both(np.hypot(*point.log.noise))
-    other = squares(w[:, :n] - share * h * w[:, n:]) / (size + 1e-300)
+    n, h = point.model.n, point.log.intervals.h
+    size, noise = squares(point, w), squares(point, np.hypot(*point.log.noise))
+    of_coordinates = np.zeros_like(w)
+    of_coordinates[:, :n] = w[:, :n] - share * h * w[:, n:]
+    other = squares(point, of_coordinates) / (size + 1e-300)
     return np.where(size > KNOWN * noise, other, of_noise)
+
+
+def squares(point: Point, w: Array) -> Array:
+    """Squares (N,) of changes w (N, 2n) of states by inertia; of speeds, what they do in half a step."""
+    n, half = point.model.n, 0.5 * point.log.intervals.h
+    inertia = point.model.inertia(point.log.intervals.start)
+    return np.asarray((inertia * (w[:, :n] ** 2 + (half * w[:, n:]) ** 2)).sum(axis=1))
 
 
 def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:

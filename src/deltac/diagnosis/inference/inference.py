@@ -32,6 +32,7 @@ from deltac.diagnosis.inference.attribution import (
     of_one_number,
     of_scattered_steps,
     otherwise_than_by_force,
+    squares,
     through_speeds,
     unknown_force,
     unseen_joules,
@@ -73,6 +74,7 @@ from deltac.diagnosis.inference.result import (
     OF_INERTIA,
     OF_THE_LOG,
     SLIGHT,
+    WHITE,
     Inference,
 )
 from deltac.kernels.rows import compiled_rows
@@ -96,9 +98,6 @@ MOST_ROWS, LEAST_ROWS = 8000, 150
 
 MOST_COST = 100_000
 """Instructions of the columns at a row up to which the geometry is asked as well."""
-
-WHITE = 3.0
-"""Autocorrelation time, intervals, up to which what is left is of each interval on its own."""
 
 FORCED = 0.5
 """Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
@@ -367,14 +366,16 @@ def _at_itself(
     try:
         chosen = comparison.posterior.best.chosen
         if chosen and asked and not _passed(limit, "causes linearised at themselves"):
+            block = comparison.blocks[0]
+            alone = block.projected.left(np.zeros_like(comparison.posterior.best.coefficients))
             comparison = _with_further(_relinearised(comparison), comparison.point)
             causes, others = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
-            result = replace(inferred(comparison), unbuilt=result if built else None)
-            alone = _closing_alone(point, comparison)
-            if alone is not None:
-                return inferred(alone)
+            result = replace(inferred(comparison), unbuilt=result if built else None, alone=alone)
+            without = _closing_alone(point, comparison)
+            if without is not None:
+                return inferred(without)
         of_force = None if filtered else _of_force(point, result, equations)
         return of_force or _of_steps(comparison, result)
     except NO_MOTION:
@@ -728,6 +729,9 @@ def _of_steps(comparison: HypothesisComparison, result: Inference) -> Inference:
     named |= generic.share > 1.0 - SMALL_SHARE
     if named or point.log.unknown.any() or comparison.blocks[0] is not rows:
         return result
+    left, of_flow = (squares(point, x).sum() for x in (result.residual, result.w))
+    if comparison.maps and left <= SMALL_SHARE**2 * of_flow:
+        return result  # what the solver of an implicit method leaves of its equations
     if not _of_no_force(point, result.residual):
         return result
     none = replace(result.posterior, best=nothing(len(best)), alternatives=())

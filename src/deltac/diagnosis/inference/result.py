@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SMALL_SHARE, TINY, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Posterior, deviation
@@ -22,6 +22,9 @@ KNOWN = 4.0
 UNNAMED, SLIGHT = 0.25, 0.1
 """Share of what the integrator leaves of the rows that causes may leave, beside noise: half of its amplitude;
 and where they stand beside habits of the log, or do little."""
+
+WHITE = 3.0
+"""Autocorrelation time, intervals, up to which what is left is of each interval on its own."""
 
 COLOURED = 0.1
 """Share of what forces did between rows that goes with the motion as a cause does."""
@@ -146,6 +149,7 @@ class Inference:
         w: prediction errors (N, 2n) of the flow.
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
         unbuilt: the inference to first order at the model itself, where causes were built into it.
+        alone: sum of squares that the model itself leaves, beside an integrator, where causes were built.
     """
 
     model: LogModel
@@ -180,6 +184,7 @@ class Inference:
     gradient: Array
     unbuilt: Inference | None = None
     force: UnknownForce | None = None
+    alone: float = np.inf
 
     @cached_property
     def relative(self) -> tuple[Array, Array]:
@@ -233,15 +238,34 @@ class Inference:
         """Share of what the integrator leaves of the rows that the causes explain."""
         block, best = self.blocks[0], self.posterior.best.coefficients
         whole = block.projected.left(np.zeros_like(best))
+        if self.excess < 1.0:  # where the model itself is within the noise, that is the same
+            whole = min(whole, self.alone)
         return 1.0 - block.projected.left(best) / whole if whole > 0.0 else 0.0
 
     @property
     def unnamed(self) -> float:
-        """Share of what the integrator leaves of the rows that is neither noise nor of the causes."""
+        """Share of what the integrator leaves of the rows that is neither noise nor of the causes.
+
+        What is far less than the noise is none either, but what that allows for, as forces between the rows.
+        """
         if self.scattered or self.force is not None:
             return 0.0
-        beyond_noise = max(1.0 - KNOWN / max(self.excess, KNOWN), self.generic.share)
+        ratio = max(self.excess, 1.0 / max(self.excess, TINY))
+        beyond_noise = max(1.0 - KNOWN / max(ratio, KNOWN), self.generic.share)
         return (1.0 - self.explained) * beyond_noise
+
+    @cached_property
+    def misfit(self) -> float:
+        """Share of squares of what rows depart by that nothing explains, 0 to 1.
+
+        It counts where it is beyond the noise and goes on from row to row, as what a filter does. Integrator
+        and causes are then no more than what resembles that most.
+        """
+        if self.scattered or self.excess <= KNOWN or self.tau <= WHITE:
+            return 0.0
+        unit = np.median(self.w**2, axis=0) + 1e-300
+        left, whole = ((x**2 / unit).mean(axis=1) for x in (self.residual, self.w))
+        return float(min(left.mean() / whole.mean(), np.median(left) / np.median(whole), 1.0))
 
     @property
     def incomplete(self) -> bool:
@@ -251,8 +275,10 @@ class Inference:
         habits is found; so is what forces did between rows that were left out.
         """
         doubted = any(c.kind in OF_THE_LOG for c in self.posterior.best.chosen)
-        return self.unnamed > (SLIGHT if doubted else UNNAMED) or (
-            self.lost and self.explained < COLOURED
+        return (
+            self.unnamed > (SLIGHT if doubted else UNNAMED)
+            or min(self.misfit, 1.0 - self.explained) > SMALL_SHARE
+            or (self.lost and self.explained < COLOURED)
         )
 
     @property

@@ -844,8 +844,10 @@ def _attributed(
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
         whole = len(own.t) == len(t) - 1 and not departures.log.any()
-        if inference.methods and whole:
+        varying = inference.knows_stages and any(kind != "start" for kind in inference.forces)
+        if inference.methods and whole and not varying:
             # A step's own works and those of the flow from its row differ where forces depend on the state.
+            # Through forces that vary at its stages, as those of contacts, there is no such flow.
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))

@@ -251,7 +251,8 @@ class Ledger(
                 yield Table(
                     heads, tuple((name, *_in_words(*f.values())) for name, f in tests.items())
                 )
-        yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
+        joules, seconds = f"{self.energy_exchanged:.4g} J", f"{self.duration:g} s"
+        yield f"{joules} were exchanged in {seconds}; method of ΔC: {self.method}."
 
 
 def _in_words(size: float, error: float, share: float) -> tuple[str, str, str]:

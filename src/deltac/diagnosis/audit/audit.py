@@ -26,7 +26,14 @@ from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
 from deltac.diagnosis.inference.model import LogModel
-from deltac.diagnosis.inference.result import KNOWN, UNNAMED, Attribution, Inference, Share
+from deltac.diagnosis.inference.result import (
+    KNOWN,
+    OF_THE_LOG,
+    UNNAMED,
+    Attribution,
+    Inference,
+    Share,
+)
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, balanced, in_model_order, read_log, read_run
@@ -151,10 +158,10 @@ class Audit(
     def step_for(self, tolerance: float) -> float:
         """The step (s) that would keep |ΔC| of the integrator within a fraction of `reference_energy`.
 
-        Predicted from this log, not run: a known method is tried at other steps from the rows of the log; of
-        one that only its numbers tell, the joules grow with the power of the step that is its order. At most
-        ten times the step of the log, and of no more than a tenth of that energy: the rows do not tell what
-        longer steps would do, or a motion that is another one.
+        Predicted from this log, not run: a known one-step method is tried at other steps from rows of the
+        log; for others the joules are scaled by the step to the power of the order. At most ten times the
+        log's step, with `tolerance` capped at 0.1: the rows do not tell what longer steps, or a motion that
+        differs by more, would do.
 
         Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
         errors have no such order, an integrator that is not identified, joules within their own error or
@@ -717,7 +724,8 @@ def _in_doubt(
 
     As much of them is as nothing explains of the rows, or as a filter does where no cause and no fixed method
     is found; all of them where states are late or smooth beside the forces, and do not follow even so. A
-    filter is asked for where it may decide: some of what is `allowed` (J) is exceeded.
+    filter is asked for where it may decide: some of what is `allowed` (J) is exceeded, or causes leave more
+    than noise.
     """
     if inference is None:
         return None
@@ -725,9 +733,15 @@ def _in_doubt(
     parts, share = inference.attribution, 1.0 if unknown else float(np.sqrt(inference.misfit))
     joules = np.abs(parts.integrator.curve)
     nameless = inference.scattered or not inference.integrator.names
-    if nameless and not inference.finds_something and joules.max() > ROUGHLY * allowed:
+    by_filter = 0.0
+    if inference.finds_something:
+        habits = set(OF_THE_LOG) & set(inference.kinds)  # delays are a filter's already
+        if inference.misfit > 0.0 and inference.explained < 1.0 - SMALL_SHARE and not habits:
+            by_filter = share_of_a_filter(model, rows)
+    elif nameless and joules.max() > ROUGHLY * allowed:
         share = max(share, share_of_a_filter(model, rows))
-    return replace(inference, attribution=with_unexplained(parts, share * joules))
+    parts = with_unexplained(parts, share * joules)
+    return replace(inference, attribution=parts, by_filter=by_filter)
 
 
 def _follows(inference: Inference | None, most: float = KNOWN) -> bool:

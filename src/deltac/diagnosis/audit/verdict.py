@@ -551,7 +551,7 @@ def _unnamed(e: Judgement) -> Finding:
         )
     return Finding(
         "residual",
-        "what is left of the rows depends on the state as terms of a model do, and no few causes explain it",
+        "the residual depends on the state as model terms do, but no small set of causes explains it",
         f"{generic.exchanged:.3g} J flow through it; log odds {generic.log_odds:.3g}",
         "Compare the equations of model and simulator: `check_equations` tests them without a log",
         "cause",
@@ -744,7 +744,7 @@ def _undecided(e: Judgement) -> Finding:
         return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
     if e.mistake[1] > 0.5 and inference is not None and e.incomplete:
         return finding(
-            "the causes found explain less than is left, which is no noise of the rows",
+            "the causes found leave too much unexplained that is not noise",
             f"{percent(inference.explained)} are explained; what is left has {inference.excess:.2g} times "
             "the variance of the noise",
             "Log every step with all forces, unfiltered",

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SMALL_SHARE, TINY, Array
+from deltac.arrays import TINY, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Posterior, deviation
@@ -150,6 +150,7 @@ class Inference:
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
         unbuilt: the inference to first order at the model itself, where causes were built into it.
         alone: sum of squares that the model itself leaves, beside an integrator, where causes were built.
+        by_filter: share of squares of what rows depart by that a filter of them explains, where it was asked.
     """
 
     model: LogModel
@@ -185,6 +186,7 @@ class Inference:
     unbuilt: Inference | None = None
     force: UnknownForce | None = None
     alone: float = np.inf
+    by_filter: float = 0.0
 
     @cached_property
     def relative(self) -> tuple[Array, Array]:
@@ -277,7 +279,7 @@ class Inference:
         doubted = any(c.kind in OF_THE_LOG for c in self.posterior.best.chosen)
         return (
             self.unnamed > (SLIGHT if doubted else UNNAMED)
-            or min(self.misfit, 1.0 - self.explained) > SMALL_SHARE
+            or (self.misfit > 0.0 and self.by_filter >= self.explained)
             or (self.lost and self.explained < COLOURED)
         )
 

@@ -263,7 +263,7 @@ class Inference:
         It counts where it is beyond the noise and goes on from row to row, as what a filter does. Integrator
         and causes are then no more than what resembles that most.
         """
-        if self.scattered or self.excess <= KNOWN or self.tau <= WHITE:
+        if self.scattered or self.force is not None or self.excess <= KNOWN or self.tau <= WHITE:
             return 0.0
         unit = np.median(self.w**2, axis=0) + 1e-300
         left, whole = ((x**2 / unit).mean(axis=1) for x in (self.residual, self.w))
@@ -277,9 +277,10 @@ class Inference:
         habits is found; so is what forces did between rows that were left out.
         """
         doubted = any(c.kind in OF_THE_LOG for c in self.posterior.best.chosen)
+        terms = self.generic.explained if self.generic.log_odds > CERTAIN else 0.0
         return (
             self.unnamed > (SLIGHT if doubted else UNNAMED)
-            or (self.misfit > 0.0 and self.by_filter >= self.explained)
+            or self.by_filter > max(self.explained, terms)
             or (self.lost and self.explained < COLOURED)
         )
 

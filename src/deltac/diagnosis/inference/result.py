@@ -149,8 +149,8 @@ class Inference:
         w: prediction errors (N, 2n) of the flow.
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
         unbuilt: the inference to first order at the model itself, where causes were built into it.
-        alone: sum of squares that the model itself leaves, beside an integrator, where causes were built.
-        by_filter: share of squares of what rows depart by that a filter of them explains, where it was asked.
+        alone: sum of squares that the model without causes leaves, where causes were relinearised.
+        by_filter: share (of squares) of the prediction errors that a filter explains, where one was tried.
     """
 
     model: LogModel
@@ -248,7 +248,7 @@ class Inference:
     def unnamed(self) -> float:
         """Share of what the integrator leaves of the rows that is neither noise nor of the causes.
 
-        What is far less than the noise is none either, but what that allows for, as forces between the rows.
+        A residual far below the noise is not noise either: that bounds errors of interpolated forces.
         """
         if self.scattered or self.force is not None:
             return 0.0
@@ -258,10 +258,10 @@ class Inference:
 
     @cached_property
     def misfit(self) -> float:
-        """Share of squares of what rows depart by that nothing explains, 0 to 1.
+        """Share (of squares) of the prediction errors that neither integrator nor causes explain, 0 to 1.
 
-        It counts where it is beyond the noise and goes on from row to row, as what a filter does. Integrator
-        and causes are then no more than what resembles that most.
+        Zero unless the residual exceeds the noise and is correlated from row to row, as a filter leaves it:
+        integrator and causes are then only what resembles the filter most.
         """
         if self.scattered or self.force is not None or self.excess <= KNOWN or self.tau <= WHITE:
             return 0.0

@@ -15,7 +15,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.conventions import convention
+from deltac.diagnosis.audit.conventions import Conventions
 from deltac.diagnosis.audit.habits import ORDERS, realigned, rezeroed, share_of_a_filter, unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
@@ -592,10 +592,21 @@ def _judgement(
     findings += omissions.assumed_zero_finding(missing, omissions.limits_reached(run, report))
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
+    certain = any(f.weight == "cause" and f.kind != "channel-differs" for f in findings)
     inference, rows = None, _without_own_laws(mechanism, log.consecutive)
+    begun, conventions, reading = None, None, None
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
+        begun = closed(mechanism, rows, ledger.energy_exchanged)
+        as_logged = begun.alone if isinstance(begun, Unclosed) else begun
+        if as_logged and not certain and not limit.passed("other conventions of the log"):
+            conventions = Conventions(mechanism, rows, as_logged)
+    if conventions is not None and isinstance(begun, Unclosed):
+        # They are few, and far from each other: none is like a cause, or like a filter.
+        reading = conventions.of_rows()
+        inference = conventions.alone if reading else None
+    if begun is not None and reading is None:
         lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
-        inference, before = _inferred(reference, log, rows, limit, lacking)
+        inference, before = _inferred(reference, log, rows, begun, limit, lacking)
         if before is not None:
             other = _judgement(reference, before, known, limit, progress)
             # Where neither follows, a filter is likelier than causes that leave what is no noise.
@@ -624,13 +635,11 @@ def _judgement(
     if inference is not None and inference.closes:  # nor are they in other units
         findings = [f for f in findings if f.kind not in omissions.OF_UNITS]
     progress(0.7)
-    reading = None
-    certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
     if inference is not None and not certain:
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
-        if not explained and not limit.passed("other conventions of the log"):
-            reading = convention(mechanism, rows, inference)
+        if conventions is not None and reading is None and not explained:
+            reading = conventions.of_more(inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)
@@ -668,7 +677,12 @@ def _judgement(
 
 
 def _inferred(
-    reference: AuditReference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
+    reference: AuditReference,
+    log: Log,
+    rows: Trajectory,
+    begun: Inference | Unclosed,
+    limit: TimeLimit,
+    lacking: bool,
 ) -> tuple[Inference | None, Log | None]:
     """The inference of the rows of a log, and the log that is judged in its place if its rows close.
 
@@ -676,7 +690,6 @@ def _inferred(
     where such a log closes without a cause, or nothing is inferred.
     """
     mechanism = reference.mechanism
-    begun = closed(mechanism, rows, log.ledger.energy_exchanged)
     known = {f.kind for f in log.findings}
     model, inference = LogModel(mechanism, rows), None
     allowed = reference.tolerance * log.ledger.reference_energy

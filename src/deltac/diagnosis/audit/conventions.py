@@ -11,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations
+from functools import cached_property, partial
+from itertools import chain, combinations
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import SAME, SMALL_SHARE, Array
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer, infer_alone
@@ -48,6 +48,9 @@ STRETCHES_LOOKED_AT, ROWS_LOOKED_AT = 4, 100
 
 SHORTEST = 8
 """Rows of a log at least."""
+
+READINGS = 3
+"""Those that leave least which are judged by all rows."""
 
 MANY_COLUMNS = 8
 """Columns up to which any two may be exchanged; of more, neighbours."""
@@ -130,13 +133,116 @@ def _rates(run: Trajectory) -> NDArray[np.intp]:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
-def convention(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
-    """The convention in which log and model differ, if one explains more than the best causes do."""
-    large = float(inference.relative[0].max()) > LARGE
-    if not (large or inference.finds_something) or len(run) < SHORTEST:
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A log read otherwise, or a model with another axis.
+
+    left  share of the accelerations that the equations leave then, in some of the rows
+    """
+
+    left: float
+    mechanism: Mechanism
+    run: Trajectory
+    finding: Finding
+
+    def without_causes(self) -> Inference | None:
+        """The inference without causes."""
+        return infer_alone(self.mechanism, self.run)
+
+    def with_causes(self) -> Inference | None:
+        """The inference with causes."""
+        return infer(self.mechanism, self.run)
+
+
+@dataclass(frozen=True, eq=False)
+class Conventions:
+    """The conventions in which a log and a model may differ; `alone` is the inference as logged, without causes."""
+
+    mechanism: Mechanism
+    run: Trajectory
+    alone: Inference
+
+    def of_rows(self) -> Finding | None:
+        """The convention that leaves next to nothing of what rows depart by as logged, without a cause."""
+        if not _departs(self.alone):
+            return None
+        for trial in chain(self._readings, self._axes):
+            other = trial.without_causes()
+            if other is not None and _rest(other) <= SMALL_SHARE * _rest(self.alone):
+                return trial.finding
         return None
-    readings = [*_units(mechanism, run), *_orders_and_signs(mechanism, run)]
-    return _best(mechanism, run, readings, inference) or _axis(mechanism, run, inference)
+
+    def of_more(self, inference: Inference) -> Finding | None:
+        """The convention that explains more than the best causes do, alone or beside a mistake."""
+        if not (_departs(inference) or inference.finds_something):
+            return None
+        built = any(c.edit is not None for c in inference.posterior.best.chosen)
+        for trial in self._readings:
+            if _closes(trial.without_causes(), inference):
+                return trial.finding
+        for trial in self._readings[:1]:  # a log that has a mistake too closes beside it
+            if _closes(trial.with_causes(), inference):
+                return trial.finding
+        for trial in [] if built and inference.closes else self._axes:
+            if _closes(trial.without_causes(), inference):
+                return trial.finding
+        return None
+
+    @cached_property
+    def _part(self) -> Trajectory:
+        """A few stretches of the log."""
+        many = max(len(self.run.speeds), MANY_COLUMNS)
+        rows = max(SHORTEST, ROWS_LOOKED_AT * MANY_COLUMNS // many)
+        return some_stretches(self.run, STRETCHES_LOOKED_AT, rows)
+
+    @cached_property
+    def _was(self) -> float:
+        """What the equations leave as logged."""
+        return _left(LogModel(self.mechanism, self._part), self._part, self.alone)
+
+    @cached_property
+    def _readings(self) -> list[Trial]:
+        """The readings that take nearly all away of what the equations leave, the best first."""
+        mechanism, part, was = self.mechanism, self._part, self._was
+        if len(self.run) < SHORTEST:
+            return []
+        readings = [*_units(mechanism, self.run), *_orders_and_signs(mechanism, self.run)]
+        model = LogModel(mechanism, part)
+        left = np.array([_left(model, reading.of(part), self.alone) for reading in readings])
+        # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
+        doubts = np.array([reading.weight == "doubt" for reading in readings])
+        order = [int(k) for k in np.lexsort((doubts, _digits(left))) if left[k] < LEFT_BY_RIGHT * was]
+        trials = list[Trial]()
+        for k in order[:READINGS]:
+            alike = [readings[j] for j in order if j != k and left[j] < 2.0 * left[k]]
+            told = _told(readings[k], alike, was, left[k])
+            trials.append(Trial(float(left[k]), mechanism, readings[k].of(self.run), told))
+        return trials
+
+    @cached_property
+    def _axes(self) -> list[Trial]:
+        """The joint that turns or slides along another axis of its frame, if one takes as much away."""
+        single = [j for j in self.mechanism.joints if len(j.axes) == 1]
+        if len(single) > MANY_COLUMNS or len(self.run) < SHORTEST:
+            return []
+        trials = list[Trial]()
+        for joint in single:
+            for name, axis in zip("xyz", np.eye(3)):
+                if np.linalg.norm(np.cross(axis, joint.axes[0])) < PARALLEL:
+                    continue
+                turned = replace(joint, axes=(tuple(axis.tolist()),))
+                joints = tuple(turned if j is joint else j for j in self.mechanism.joints)
+                with suppress(InputError):  # a body may have no inertia about that axis
+                    other = replace(self.mechanism, joints=joints)
+                    left = _left(LogModel(other, self._part), self._part, self.alone)
+                    told = _along(joint, name, left, self._was)
+                    trials.append(Trial(left, other, self.run, told))
+        likely = (trial for trial in trials if trial.left < LEFT_BY_RIGHT * self._was)
+        return sorted(likely, key=lambda trial: trial.left)[:1]
+
+
+def _departs(inference: Inference) -> bool:
+    return float(inference.relative[0].max()) > LARGE
 
 
 def units(logged: RunResidual) -> list[Finding]:
@@ -147,74 +253,30 @@ def units(logged: RunResidual) -> list[Finding]:
     return [_told(closing[0], closing[1:], logged.largest, 0.0)] if closing else []
 
 
-def _best(
-    mechanism: Mechanism, run: Trajectory, readings: list[Reading], inference: Inference
-) -> Finding | None:
-    """The reading that takes nearly all away of what the equations leave, if one does."""
-    part = _some(run)
-    model = LogModel(mechanism, part)
-    was = _left(model, part, inference)
-    residuals = np.array([_left(model, reading.of(part), inference) for reading in readings])
-    # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
-    doubts = np.array([reading.weight == "doubt" for reading in readings])
-    order = [
-        int(k)
-        for k in np.lexsort((doubts, _digits(residuals)))
-        if residuals[k] < LEFT_BY_RIGHT * was
-    ]
-    for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
-        for k in order[: 3 if way is infer_alone else 1]:
-            other = way(mechanism, readings[k].of(run))
-            if other is not None and _closes(other, inference):
-                alike = [readings[j] for j in order if j != k and residuals[j] < 2.0 * residuals[k]]
-                return _told(readings[k], alike, was, residuals[k])
-    return None
-
-
 def _digits(residuals: Array) -> Array:
     """Residuals to one digit and a half: of what is equal, rounding tells nothing."""
     return np.asarray(np.round(np.log10(np.maximum(residuals, SAME)), 1))
 
 
-def _closes(other: Inference, inference: Inference) -> bool:
+def _closes(other: Inference | None, inference: Inference) -> bool:
     """Whether a log read otherwise leaves as little without causes as with its best ones, or far less."""
-
-    def left(i: Inference) -> float:
-        return float(np.sqrt(np.mean((i.residual[:, i.model.n :] / i.log.intervals.h) ** 2)))
-
+    if other is None:
+        return False
     right = not any(c.kind not in OF_THE_LOG for c in other.posterior.best.chosen)
-    return left(other) <= (2.0 if right else 0.1) * left(inference)
+    return _rest(other) <= (2.0 if right else 0.1) * _rest(inference)
 
 
-def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
-    """A joint that turns or slides along another axis of its frame than in the model."""
-    single = [j for j in mechanism.joints if len(j.axes) == 1]
-    built = any(c.edit is not None for c in inference.posterior.best.chosen)
-    if not single or len(single) > MANY_COLUMNS or (built and inference.closes):
-        return None
-    part = _some(run)
-    was = _left(LogModel(mechanism, part), part, inference)
-    trials: list[tuple[float, Joint, str, Mechanism]] = []
-    for joint in single:
-        for name, axis in zip("xyz", np.eye(3)):
-            if np.linalg.norm(np.cross(axis, joint.axes[0])) < PARALLEL:
-                continue
-            turned = replace(joint, axes=(tuple(axis.tolist()),))
-            joints = tuple(turned if j is joint else j for j in mechanism.joints)
-            with suppress(InputError):  # a body may have no inertia about that axis
-                other = replace(mechanism, joints=joints)
-                trials.append((_left(LogModel(other, part), part, inference), joint, name, other))
-    if not trials:
-        return None
-    residual, joint, name, other = min(trials, key=lambda item: item[0])
-    test = infer_alone(other, run) if residual < LEFT_BY_RIGHT * was else None
-    if test is None or not _closes(test, inference):
-        return None
+def _rest(i: Inference) -> float:
+    """Root mean square of the accelerations that are left."""
+    return float(np.sqrt(np.mean((i.residual[:, i.model.n :] / i.log.intervals.h) ** 2)))
+
+
+def _along(joint: Joint, name: str, left: float, was: float) -> Finding:
     return Finding(
         "joint-axis",
         f"in the run, joint {joint.name!r} moves along the {name} axis of its frame, not along "
         f"({', '.join(f'{x:.4g}' for x in joint.axes[0])})",
-        f"with that axis, the equations leave {percent(residual)} of the accelerations, else {percent(was)}",
+        f"with that axis, the equations leave {percent(left)} of the accelerations, else {percent(was)}",
         "Give the model the axis that the simulator used",
         "cause",
         joint.name,
@@ -232,15 +294,6 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
         reading.weight,
         reading.element,
         equals=tuple((other.kind, other.element) for other in alike),
-    )
-
-
-def _some(run: Trajectory) -> Trajectory:
-    """A few stretches of a log."""
-    return some_stretches(
-        run,
-        STRETCHES_LOOKED_AT,
-        max(SHORTEST, ROWS_LOOKED_AT * MANY_COLUMNS // max(len(run.speeds), MANY_COLUMNS)),
     )
 
 

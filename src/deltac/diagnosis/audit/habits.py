@@ -66,7 +66,8 @@ ORDERS = (2, 4)
 """Orders of the filters that are tried, one after the other."""
 
 LEFT_OF_INPUT = 0.3
-"""Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
+"""Share of the prediction errors of a log that may be left of what went into its filter, beside all causes and
+beside the few that explain most."""
 
 NOTHING = 0.01
 """The same where the filter is all that is wrong with a log."""
@@ -519,7 +520,8 @@ def unfiltered(
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
-        if _FilteredRows(model, part, ()).exact:
+        as_logged = _FilteredRows(model, part, ())
+        if as_logged.exact:
             return None
         for fit in _likely(_FilteredRows(model, part, kernels)):
             rows = _FilteredRows(model, part if kernels else run, kernels)
@@ -528,7 +530,8 @@ def unfiltered(
                 rows = rows.with_causes(settled)
                 settled = rows.settled(settled)
             own = settled.filter
-            if own.low_pass:  # in all rows, and beside causes, numbers settle elsewhere
+            # In all rows, and beside the few causes, numbers settle elsewhere, or nothing is explained.
+            if own.low_pass and settled.left <= LEFT_OF_INPUT * as_logged.whole:
                 return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 

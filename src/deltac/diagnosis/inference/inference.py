@@ -106,9 +106,13 @@ force makes: a smooth one makes none, what is of each on its own is one."""
 
 @dataclass(frozen=True, eq=False)
 class Unclosed:
-    """A log of which the rows do not follow from each other without a cause: the points to begin at."""
+    """A log of which the rows do not follow from each other without a cause: the points to begin at.
+
+    alone  the inference in all coordinates without causes; None where the equations have no motion
+    """
 
     points: tuple[Point, ...]
+    alone: Inference | None
     equations: LogEquations
     kernels: ColumnKernels
 
@@ -135,10 +139,12 @@ class Unclosed:
         result, before = None, None
         with np.errstate(all="ignore"), compiled_rows():
             for point in self.points:
-                found = _to_first_order(point, self.equations, self.kernels, limit, lacking)
+                found = _to_first_order(
+                    point, self.equations, self.kernels, limit, lacking, filtered
+                )
                 if found is None or (before and _no_better(found[1], before)):
                     continue
-                own = _at_itself(point, *found, self.equations, limit, filtered)
+                own = _at_itself(point, *found, limit, filtered)
                 if own is None:
                     continue
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
@@ -171,7 +177,7 @@ def closed(
     model = LogModel(mechanism, run)
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
-    points = list[tuple[float, Point]]()
+    points, whole = list[tuple[float, Point]](), None
     with np.errstate(all="ignore"), compiled_rows():
         for one in (*reductions(model, run), model):
             alone = _closed(one, run, equations, kernels, energy)
@@ -179,10 +185,12 @@ def closed(
             if isinstance(alone, Inference) and (alone.methods or one is model):
                 return alone
             if isinstance(alone, tuple):
-                points.append(alone)
+                inference, point = alone
+                points.append((inference.excess, point))
+                whole = inference if one is model else None
     # Coordinates in which least is left are likely those of the integrator; all of them come last.
     points.sort(key=lambda item: item[0] if item[1].model.n < model.n else np.inf)
-    return Unclosed(tuple(point for _, point in points), equations, kernels)
+    return Unclosed(tuple(point for _, point in points), whole, equations, kernels)
 
 
 def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
@@ -200,10 +208,10 @@ def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
 
 def _closed(
     model: LogModel, run: Trajectory, equations: LogEquations, kernels: ColumnKernels, energy: float
-) -> Inference | tuple[float, Point] | None:
+) -> Inference | tuple[Inference, Point] | None:
     """The result of rows that follow from each other without a cause; or None.
 
-    Else the point to begin at, with the variance of what is left, in units of what is known.
+    Else the result without causes, and the point to begin at.
     """
     products = 2 * model.n * len(kernels.columns) ** 2
     cost = kernels.cost + PRODUCT * products
@@ -219,12 +227,12 @@ def _closed(
             # What departs between rows of which the accelerations are the model's is of the steps.
             by_accelerations = _accelerations_agree(point) and _of_no_force(point, alone.residual)
             if not by_accelerations:
-                return alone.excess, point
+                return alone, point
             scattered = inferred(comparison, scattered=True, agreed=True)
             alone = replace(scattered, integrator=alone.integrator)
         # What comes and goes within the noise of the rows is nothing.
         if alone.excess > 1.0 and alone.finds_something:
-            return alone.excess, point
+            return alone, point
         if by_accelerations:
             return _by_accelerations(alone, comparison, equations, kernels)
         # A few rows exclude most mistakes; what they leave open, all rows are asked for.
@@ -233,7 +241,7 @@ def _closed(
             excluded = inferred(likeliest(some.with_candidates(equations, kernels)))
             something = excluded.excess > 1.0 and excluded.finds_something
             if something or excluded.posterior.best.chosen:
-                return alone.excess, point
+                return alone, point
             # Those that do nothing in a few rows may do something in others.
             every = {name_of(c) for c in of_one_number(excluded.candidates)}
             seen = {x for x, joules in excluded.unseen.items() if joules <= SIX_DIGITS * energy}
@@ -325,14 +333,19 @@ def _to_first_order(
     kernels: ColumnKernels,
     limit: TimeLimit | None,
     lacking: bool,
+    filtered: bool,
 ) -> tuple[HypothesisComparison, Inference, bool] | None:
     """Causes to first order, with places and axes where something is found; and whether they are asked on.
 
-    They are not where a log is lacking forces, and what was found may be these.
+    They are not where terms of single equations explain nearly all, nor where a log is lacking forces, and what
+    was found may be these.
     """
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
         result = inferred(comparison)
+        term = None if filtered or not _of_no_cause(point, result) else _term(point, equations)
+        if term is not None:
+            return term, inferred(term), False
         chosen = result.posterior.best.chosen
         asked = not lacking or bool(chosen and all(c.kind in OF_INERTIA for c in chosen))
         if (
@@ -358,7 +371,6 @@ def _at_itself(
     comparison: HypothesisComparison,
     result: Inference,
     asked: bool,
-    equations: LogEquations,
     limit: TimeLimit | None,
     filtered: bool,
 ) -> Inference | None:
@@ -376,21 +388,21 @@ def _at_itself(
             without = _closing_alone(point, comparison)
             if without is not None:
                 return inferred(without)
-        of_force = None if filtered else _of_force(point, result, equations)
-        return of_force or _of_steps(comparison, result)
+        forced = not filtered and _of_no_cause(point, result)
+        return (_of_force(point, result) if forced else None) or _of_steps(comparison, result)
     except NO_MOTION:
         return None
 
 
-def _of_force(point: Point, result: Inference, equations: LogEquations) -> Inference | None:
-    """The result without causes that leave a tenth of the amplitude, which is a force without a name.
-
-    Or with the term of one equation that it is.
-    """
+def _of_no_cause(point: Point, result: Inference) -> bool:
+    """Whether causes leave a tenth of the amplitude of what is no noise, where rows are the simulator's own."""
     run = point.run
-    interpolated = run.provenance.notes.get(ROWS) == INTERPOLATED
-    if result.unnamed <= PURE or "u" in run.provenance.derived or interpolated:
-        return None
+    own = "u" not in run.provenance.derived and run.provenance.notes.get(ROWS) != INTERPOLATED
+    return own and result.unnamed > PURE
+
+
+def _of_force(point: Point, result: Inference) -> Inference | None:
+    """The result with a force without a name, where causes leave most of it."""
     alone = compared(_without_causes(point))
     found = unknown_force(alone)
     if found is None:
@@ -401,9 +413,6 @@ def _of_force(point: Point, result: Inference, equations: LogEquations) -> Infer
     left = float(exchanged[free].sum())
     if left < np.sqrt(PURE) * force.exchanged:
         return None
-    term = _term(point, equations)
-    if term is not None:
-        return term
     posterior = replace(result.posterior, best=alone.posterior.best, alternatives=())
     return replace(
         inferred(alone),
@@ -416,17 +425,20 @@ def _of_force(point: Point, result: Inference, equations: LogEquations) -> Infer
     )
 
 
-def _term(point: Point, equations: LogEquations) -> Inference | None:
-    """The result with terms of single equations as the only causes, if rows follow from each other then."""
+def _term(point: Point, equations: LogEquations) -> HypothesisComparison | None:
+    """The comparison with terms of single equations as the only causes, if these leave next to nothing."""
     speeds = equations.mechanism.speeds.names
     some = {(what, speed) for _, what in TERMS_OF_AN_EQUATION for speed in speeds}
     kernels = column_kernels(equations, some)
     if not kernels.columns:
         return None
     comparison = likeliest(point.with_candidates(equations, kernels))
-    result = inferred(_relinearised(comparison))
-    right = result.posterior.best.chosen and (result.closes or result.excess <= KNOWN)
-    return result if right else None
+    if not comparison.posterior.best.chosen:
+        return None
+    comparison = _relinearised(comparison)
+    result = inferred(comparison)
+    right = result.closes or result.excess <= KNOWN or 1.0 - result.explained <= SMALL_SHARE**2
+    return comparison if right and result.posterior.best.chosen else None
 
 
 def _without_causes(point: Point) -> Point:

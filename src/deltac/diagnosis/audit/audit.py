@@ -712,7 +712,7 @@ def _inferred(
     if (
         inference is not None
         and "zero-offset" not in inference.kinds
-        and not (inference.methods and 1.0 - inference.explained <= SMALL_SHARE**2)
+        and 1.0 - inference.explained > SMALL_SHARE**2
         and (
             inference.late
             or inference.excess > KNOWN

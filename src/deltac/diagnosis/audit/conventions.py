@@ -156,7 +156,10 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Conventions:
-    """The conventions in which a log and a model may differ; `alone` is the inference as logged, without causes."""
+    """The conventions in which a log and a model may differ.
+
+    alone  the inference of the log as it is, without causes
+    """
 
     mechanism: Mechanism
     run: Trajectory
@@ -211,7 +214,9 @@ class Conventions:
         left = np.array([_left(model, reading.of(part), self.alone) for reading in readings])
         # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
         doubts = np.array([reading.weight == "doubt" for reading in readings])
-        order = [int(k) for k in np.lexsort((doubts, _digits(left))) if left[k] < LEFT_BY_RIGHT * was]
+        order = [
+            int(k) for k in np.lexsort((doubts, _digits(left))) if left[k] < LEFT_BY_RIGHT * was
+        ]
         trials = list[Trial]()
         for k in order[:READINGS]:
             alike = [readings[j] for j in order if j != k and left[j] < 2.0 * left[k]]

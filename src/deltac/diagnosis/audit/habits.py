@@ -66,8 +66,8 @@ ORDERS = (2, 4)
 """Orders of the filters that are tried, one after the other."""
 
 LEFT_OF_INPUT = 0.3
-"""Share of the prediction errors of a log that may be left of what went into its filter, beside all causes and
-beside the few that explain most."""
+"""Share of the prediction errors of a log that may be left of what went into its filter, beside all causes
+and beside the few that explain most."""
 
 NOTHING = 0.01
 """The same where the filter is all that is wrong with a log."""

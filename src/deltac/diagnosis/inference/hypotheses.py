@@ -805,12 +805,15 @@ def steadfast(posterior: Posterior, blocks: Sequence[Block], alternatives: int) 
     """
     best = posterior.best
     while best.chosen:
-        odds = _by_stretches(blocks, best, alternatives)
+        odds = np.array(_by_stretches(blocks, best, alternatives))
         possible = [c.possible(x) for c, x in zip(best.chosen, best.theta, strict=True)]
-        worst = int(np.argmin(np.where(possible, odds, -np.inf)))
-        if possible[worst] and odds[worst] >= CERTAIN:
+        odds[~np.array(possible)] = -np.inf
+        worst = int(np.argmin(odds))
+        others = _without(blocks, best, worst)
+        # Nothing imitates a cause that leaves next to nothing.
+        if odds[worst] >= CERTAIN or (possible[worst] and _explains_all(blocks, others, best)):
             break
-        best = _without(blocks, best, worst)
+        best = others
     if best is posterior.best:
         return posterior
     each = [

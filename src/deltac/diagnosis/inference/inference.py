@@ -42,6 +42,7 @@ from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     TOGETHER,
+    Block,
     Fit,
     Posterior,
     fitted,
@@ -67,7 +68,12 @@ from deltac.diagnosis.inference.linearisation import (
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
-from deltac.diagnosis.inference.regression import by_accelerations, mistakes_of_one_kind
+from deltac.diagnosis.inference.regression import (
+    Regression,
+    by_accelerations,
+    mistakes_of_one_kind,
+    regression,
+)
 from deltac.diagnosis.inference.result import (
     KNOWN,
     OF_DELAYS,
@@ -337,8 +343,8 @@ def _to_first_order(
 ) -> tuple[HypothesisComparison, Inference, bool] | None:
     """Causes to first order, with places and axes where something is found; and whether they are asked on.
 
-    They are not where terms of single equations explain nearly all, nor where a log is lacking forces, and what
-    was found may be these.
+    They are not where terms of single equations explain nearly all, nor where a log is lacking forces, and
+    what was found may be these.
     """
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
@@ -395,7 +401,7 @@ def _at_itself(
 
 
 def _of_no_cause(point: Point, result: Inference) -> bool:
-    """Whether causes leave a tenth of the amplitude of what is no noise, where rows are the simulator's own."""
+    """Whether causes leave a tenth of the amplitude of what is no noise, in rows that are the simulator's."""
     run = point.run
     own = "u" not in run.provenance.derived and run.provenance.notes.get(ROWS) != INTERPOLATED
     return own and result.unnamed > PURE
@@ -660,11 +666,15 @@ def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
     Those of the geometry, and mistakes that were made several times.
     """
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
-    rivals = [
-        one
-        for one in mistakes_of_one_kind(comparison.at, block)
-        if block.misfit(one.best.coefficients) < SLIGHT * block.start
-    ]
+    rivals = _of_one_kind(comparison.at, block)
+    whole = point.model.n == len(point.model.mechanism.free.u)
+    if (
+        not rivals
+        and whole
+        and block.misfit(comparison.posterior.best.coefficients) > PURE * block.start
+    ):
+        at = regression(point.with_measured_columns())
+        rivals = _of_one_kind(at, at.series)
     if not any(c.edit is not None for _, c, _ in scores):
         return rivals
     least = dict[tuple[str, str, str, int], Fit]()
@@ -677,6 +687,15 @@ def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
         if block.misfit(fit.coefficients) < bound:
             least[key] = fit
     return [*rivals, *(Posterior(fit, (), ()) for fit in least.values())]
+
+
+def _of_one_kind(at: Regression, block: Block) -> list[Posterior]:
+    """Mistakes that were made several times, if they explain most of what is left."""
+    return [
+        one
+        for one in mistakes_of_one_kind(at, block)
+        if block.misfit(one.best.coefficients) < SLIGHT * block.start
+    ]
 
 
 def _beside(

@@ -56,12 +56,14 @@ class Remembered:
 
     q, u      at the ends of the steps, as in `Defect` for an implicit one
     columns   what it makes of accelerations (N, k) added at the starts and at the ends of the steps: q and u
-    numbers   c of its leading terms, if a parameter was fitted to the rows; else empty
+    fitted    how many numbers were fitted to the rows: a parameter, and what was before the first rows
+    numbers   c of its leading terms, if a parameter was; else empty
     """
 
     q: Array
     u: Array
     columns: Callable[[Array, Array], tuple[Array, Array]]
+    fitted: int
     numbers: dict[str, float]
 
 
@@ -241,7 +243,7 @@ def _adams_bashforth(model: LogModel, intervals: Intervals, _: Directions) -> Re
 
     q, u = model.moved(at.q, mean(at.u), h), at.u + h * mean(model.at(at))
     q[first], u[first] = end.q[first], end.u[first]
-    return Remembered(q, u, columns, {})
+    return Remembered(q, u, columns, 2 * model.n * len(np.unique(places[first])), {})
 
 
 def _chung_hulbert(radius: float) -> tuple[float, float]:
@@ -333,7 +335,8 @@ def _generalized_alpha(
 
         of_q, of_u = means(x, before, behind, mean)
         q = model.moved(at.q, at.u + h * of_q, h)
-        return Remembered(q, at.u + h * of_u, columns, _alpha_numbers(*family(x)))
+        fitted = mean.shape[1] * len(stretches) + int(high > low)
+        return Remembered(q, at.u + h * of_u, columns, fitted, _alpha_numbers(*family(x)))
 
     return after
 
@@ -495,13 +498,14 @@ def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
 class Map:
     """A method with the rows that it makes of those before, by so many steps (N,) in each interval.
 
-    `columns` as of `Remembered`, of a method with a memory.
+    `columns` and `fitted` as of `Remembered`, of a method with a memory.
     """
 
     method: Integrator
     counts: NDArray[np.intp]
     end: Rows
     columns: Callable[[Array, Array], tuple[Array, Array]] | None = None
+    fitted: int = 0
 
 
 def maps(
@@ -564,7 +568,8 @@ def _maps(
             if own.numbers:
                 gap = _newton(method, slopes(), h, gap)
                 method = replace(method, numbers=own.numbers)
-            yield Map(method, counts, model.displaced(end, gap[:, :, 0]), own.columns)
+            end_of_step = model.displaced(end, gap[:, :, 0])
+            yield Map(method, counts, end_of_step, own.columns, own.fitted)
         elif method.step is not None:
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))
 

@@ -371,9 +371,16 @@ class Built:
 
 
 def cause_columns(
-    flow: Flow, log: Observations, kernels: Sequence[ColumnKernels], built: Built | None
+    flow: Flow,
+    log: Observations,
+    kernels: Sequence[ColumnKernels],
+    built: Built | None,
+    beyond: Array | None = None,
 ) -> list[Array]:
-    """What a unit of each cause adds to the accelerations, M⁻¹x_j (N, n, P), at the nodes of a flow."""
+    """What a unit of each cause adds to the accelerations, M⁻¹x_j (N, n, P), at the nodes of a flow.
+
+    They are those of the flow, and what is `beyond` (N, n).
+    """
     intervals, pieces, plant = log.intervals, log.pieces, flow.plant
     rate = (intervals.end.F - intervals.start.F) / intervals.h
     curve = np.zeros_like(rate)
@@ -381,12 +388,15 @@ def cause_columns(
         if b - a > 2:
             curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
-    def columns(at: Rows, rate: Array, curve: Array) -> Array:
-        return cause_responses(plant, kernels, built, at, plant.every(at), rate, curve)
+    more = np.zeros((len(log.intervals), 1)) if beyond is None else beyond
+
+    def columns(at: Rows, rate: Array, curve: Array, more: Array) -> Array:
+        return cause_responses(plant, kernels, built, at, plant.every(at) + more, rate, curve)
 
     last = _last(pieces)
-    own = [columns(at, rate, curve) for at in flow.nodes[:-1]]
-    return _at_nodes(pieces, own, columns(flow.end.take(last), rate[last], curve[last]))
+    own = [columns(at, rate, curve, more) for at in flow.nodes[:-1]]
+    end = columns(flow.end.take(last), rate[last], curve[last], more[last])
+    return _at_nodes(pieces, own, end)
 
 
 def cause_responses(
@@ -743,6 +753,15 @@ class Point:
     def with_columns(self) -> Point:
         """With the columns of causes at the flow."""
         columns = cause_columns(self.flow, self.log, self.kernels, self.built)
+        return replace(self, columns=columns)
+
+    def with_measured_columns(self) -> Point:
+        """With the columns of causes at the accelerations of the log, Δu/h.
+
+        Equations are linear in inertia there, however much of it is wrong; noise and filters are in these, too.
+        """
+        beyond = self.flow.w[:, self.model.n :] / self.log.intervals.h
+        columns = cause_columns(self.flow, self.log, self.kernels, self.built, beyond)
         return replace(self, columns=columns)
 
     def with_tangent(self) -> Point:

@@ -69,11 +69,26 @@ class Methods:
         return self.floor < SERIES * series.misfit(best.coefficients)
 
 
-def alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
-    """Which of several residuals (N, m, k) are as likely as the best."""
+def likeliest_of(r: Array, free: Array) -> int:
+    """Which of several residuals (N, m, k) is the likeliest, with so many `free` numbers (k,) of each."""
+    floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
+    rows = r.shape[0] * r.shape[1] / autocorrelation_time(r[:, :, int(np.argmin(floors))])
+    return int(np.argmin(0.5 * rows * np.log(floors) + price(free, rows)))
+
+
+def price(free: Array, rows: float) -> Array:
+    """Log odds that numbers cost which were fitted to the rows."""
+    return np.asarray(0.5 * free * np.log(max(rows, 2.0)))
+
+
+def alike(r: Array, best: int, rounding: float, free: Array | None = None) -> NDArray[np.intp]:
+    """Which of several residuals (N, m, k) are as likely as the best, beside what `free` numbers cost."""
     floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
     count = r.shape[0] * r.shape[1]
-    odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
+    rows = count / autocorrelation_time(r[:, :, best])
+    odds = 0.5 * rows * np.log(floors / floors[best])
+    if free is not None:
+        odds += price(free - free[best], rows)
     # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
     low = min(rounding * count, KNOWN * floors[best])
     return np.flatnonzero((odds < CERTAIN) | (floors <= low))
@@ -106,8 +121,9 @@ def closest(at: Regression, pairs: Sequence[tuple[Map, Observations]]) -> Method
     floors = np.maximum((residual**2).sum(axis=0), 1e-300)
     every = np.full(len(pairs), np.inf)
     every[finite] = floors
-    best = int(np.argmin(floors))
-    first = alike(residual.reshape(r.shape), best, pairs[0][1].rounding)
+    free = np.array([of.fitted for of in ends])
+    best = likeliest_of(residual.reshape(r.shape), free)
+    first = alike(residual.reshape(r.shape), best, pairs[0][1].rounding, free)
     # Those that need no causes come first.
     first = first[np.argsort((y[:, first] ** 2).sum(axis=0), kind="stable")]
     near = [k for k in np.argsort(floors) if k not in first and floors[k] <= FAR * floors[best]]
@@ -154,7 +170,7 @@ def best_of(
         if explained and (len(trials) >= len(ends) or not trials[-1][1].best.chosen):
             break
     ends = [*ends, *methods.others][: max(len(ends), len(trials))]
-    k = _likeliest(at, trials)
+    k = _likeliest(at, trials, [of.fitted for of in ends])
     best, own = trials[k]
     return as_likely(at, ends, k, own.best), best, own
 
@@ -168,8 +184,10 @@ def as_likely(at: Regression, ends: Sequence[Map], best: int, fit: Fit) -> list[
     return [ends[best], *(ends[i] for i in likely if i != best)]
 
 
-def _likeliest(at: Regression, trials: Sequence[tuple[Block, Posterior]]) -> int:
-    """Which of several methods, each with the causes beside it, is the likeliest.
+def _likeliest(
+    at: Regression, trials: Sequence[tuple[Block, Posterior]], free: Sequence[int]
+) -> int:
+    """Which of several methods, each with the causes and so many `free` numbers beside it, is the likeliest.
 
     Odds of a cause are those against all methods without it. What another method makes of it as likely,
     and much smaller, is what that does otherwise.
@@ -178,7 +196,8 @@ def _likeliest(at: Regression, trials: Sequence[tuple[Block, Posterior]]) -> int
     for i, (block, posterior) in enumerate(trials):
         best, own = trials[k]
         more = np.sign(len(posterior.best.chosen) - len(own.best.chosen))
-        if log_evidence(block, posterior.best, best, own.best) > more * CERTAIN:
+        cost = float(price(np.array(free[i] - free[k]), block.r.size))
+        if log_evidence(block, posterior.best, best, own.best) - cost > more * CERTAIN:
             k = i
     best, own = trials[k]
     energy = at.exchanged(own.best)[0].max(initial=0.0)

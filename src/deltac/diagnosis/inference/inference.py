@@ -42,7 +42,6 @@ from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     TOGETHER,
-    Block,
     Fit,
     Posterior,
     fitted,
@@ -69,7 +68,6 @@ from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import (
-    Regression,
     by_accelerations,
     mistakes_of_one_kind,
     regression,
@@ -656,6 +654,9 @@ def _linearised(
     if not there.best.chosen:
         return None
     moved = compared(point, there)
+    if not _nothing_left(moved):  # what causes do looked like what forces do between rows
+        acting = with_likeliest_forces(point, moved.posterior.best)
+        moved = moved if acting is point else compared(acting, moved.posterior)
     best = moved.posterior.best
     return moved if len(best.each) == len(best.chosen) else None
 
@@ -666,15 +667,17 @@ def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
     Those of the geometry, and mistakes that were made several times.
     """
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
-    rivals = _of_one_kind(comparison.at, block)
-    whole = point.model.n == len(point.model.mechanism.free.u)
-    if (
-        not rivals
-        and whole
-        and block.misfit(comparison.posterior.best.coefficients) > PURE * block.start
-    ):
+    ways = [(comparison.at, block)]
+    if point.model.n == len(point.model.mechanism.free.u) and not _nothing_left(comparison):
         at = regression(point.with_measured_columns())
-        rivals = _of_one_kind(at, at.series)
+        ways.append((at, at.series))
+    of_one_kind = dict[tuple[object, ...], tuple[float, Posterior]]()
+    for way, own in ways:
+        for one in mistakes_of_one_kind(way, own):
+            names, left = tuple(c.name for c in one.best.chosen), own.misfit(one.best.coefficients)
+            if left < of_one_kind.get(names, (SLIGHT,))[0] * own.start:
+                of_one_kind[names] = left / own.start, one
+    rivals = [one for _, one in of_one_kind.values()]
     if not any(c.edit is not None for _, c, _ in scores):
         return rivals
     least = dict[tuple[str, str, str, int], Fit]()
@@ -687,15 +690,6 @@ def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
         if block.misfit(fit.coefficients) < bound:
             least[key] = fit
     return [*rivals, *(Posterior(fit, (), ()) for fit in least.values())]
-
-
-def _of_one_kind(at: Regression, block: Block) -> list[Posterior]:
-    """Mistakes that were made several times, if they explain most of what is left."""
-    return [
-        one
-        for one in mistakes_of_one_kind(at, block)
-        if block.misfit(one.best.coefficients) < SLIGHT * block.start
-    ]
 
 
 def _beside(

@@ -758,7 +758,7 @@ class Point:
     def with_measured_columns(self) -> Point:
         """With the columns of causes at the accelerations of the log, Δu/h.
 
-        Equations are linear in inertia there, however much of it is wrong; noise and filters are in these, too.
+        Equations are linear in inertia there, however much is wrong; noise and filters are in these, too.
         """
         beyond = self.flow.w[:, self.model.n :] / self.log.intervals.h
         columns = cause_columns(self.flow, self.log, self.kernels, self.built, beyond)

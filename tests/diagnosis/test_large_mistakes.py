@@ -1,0 +1,128 @@
+"""Mistakes of which rows depart by as much as they move: another axis, a term left out, all rotors left out.
+
+The runs are MuJoCo's, by Runge and Kutta's method of order 4, with torques that it holds over each step.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import deltac as dc
+
+pytestmark = pytest.mark.case_study("test_another_axis_is_named")
+
+Array: TypeAlias = NDArray[np.float64]
+
+STEP = 2e-3
+
+JOINTS = ("base", "shoulder", "elbow", "wrist")
+
+
+def arm(axis: str = "1 0 0", armature: float = 0.02) -> str:
+    """Four links, each of which turns about an axis of its own."""
+    axes, masses = ("0 0 1", "0 1 0", "0 1 0", axis), (3.0, 2.0, 1.0, 0.5)
+    links = "".join(
+        f"""<body name="{name}_link" pos="{0.3 if k else 0.0} 0 {0.0 if k else 0.5}">
+        <joint name="{name}" axis="{axes[k]}" damping="{0.4 / (k + 1)}" armature="{armature}"/>
+        <inertial pos="0.14 0.02 {0.01 * k}" mass="{masses[k]}"
+            fullinertia="0.004 0.02 0.02 0.001 -0.002 0"/>"""
+        for k, name in enumerate(JOINTS)
+    )
+    motors = "".join(f'<motor name="m_{name}" joint="{name}"/>' for name in JOINTS)
+    return (
+        f'<mujoco><option timestep="{STEP}" integrator="RK4"/><worldbody>{links}'
+        f"{'</body>' * len(JOINTS)}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+def run(xml: str) -> dc.Trajectory:
+    """Every second row of a run."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    data.qpos[:] = (0.3, -0.5, 0.8, 0.4)
+    rows = list[tuple[float, Array, Array, Array]]()
+    for k in range(1200):
+        t = k * STEP
+        sway = np.sin(np.array([2.0, 2.7, 3.3, 4.1]) * t + np.arange(4))
+        if k % 2 == 0:  # a controller that is asked in every second step
+            data.ctrl[:] = np.array([8.0, 12.0, 6.0, 1.0]) * sway - 0.5 * data.qvel
+        rows.append((t, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
+        mujoco.mj_step(model, data)
+    t, q, u, tau = (np.array(x) for x in zip(*rows[::2], strict=True))
+    forces = {f"actuator m_{name}": tau * (np.arange(4) == k) for k, name in enumerate(JOINTS)}
+    return dc.Trajectory(t=t, q=q, u=u, coordinates=JOINTS, speeds=JOINTS, forces=forces)
+
+
+def test_another_axis_is_named() -> None:
+    audit = dc.audit(mujoco.MjModel.from_xml_string(arm()), run(arm("0 1 0")))
+    assert audit.verdict.kind == "equation-error"
+    assert [(f.kind, f.element) for f in audit.findings if f.weight == "cause"] == [
+        ("joint-axis", "wrist")
+    ]
+
+
+def test_rotors_that_no_joint_has_are_named() -> None:
+    """Of a wrist without a rotor the inertia is a twentieth of what the model has."""
+    audit = dc.audit(mujoco.MjModel.from_xml_string(arm(armature=0.1)), run(arm(armature=0.0)))
+    assert audit.verdict.kind == "equation-error"
+    assert {(c.kind, c.element) for c in audit.causes} == {("armature", name) for name in JOINTS}
+    for cause in audit.causes:
+        assert cause.values[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def pendulum(lacking: float) -> dc.Trajectory:
+    """A driven double pendulum whose first equation lacks a share of its terms in products of speeds."""
+    g, l1, m1, m2, c1, c2, j1, j2 = 9.81, 0.6, 1.2, 0.8, 0.25, 0.3, 0.05, 0.03
+
+    def rate(x: Array, tau: Array) -> Array:
+        (q1, q2), u = x[:2], x[2:]
+        k = m2 * l1 * c2
+        m12 = j2 + m2 * c2**2 + k * np.cos(q2)
+        m11 = j1 + j2 + m1 * c1**2 + m2 * (l1**2 + c2**2) + 2.0 * k * np.cos(q2)
+        M = np.array([[m11, m12], [m12, j2 + m2 * c2**2]])
+        terms = (
+            k * np.sin(q2) * np.array([-(2.0 * u[0] + u[1]) * u[1] * (1.0 - lacking), u[0] ** 2])
+        )
+        far = m2 * c2 * g * np.sin(q1 + q2)
+        weight = np.array([(m1 * c1 + m2 * l1) * g * np.sin(q1) + far, far])
+        return np.r_[u, np.linalg.solve(M, tau - terms - weight)]
+
+    h, x, rows = 2e-3, np.array([0.9, -0.6, 0.0, 0.0]), list[Array]()
+    tau = np.zeros(2)
+    for k in range(1500):
+        if k % 2 == 0:
+            tau = np.array([3.0, 1.0]) * np.sin(np.array([2.0, 3.5]) * k * h) - 0.2 * x[2:]
+        rows.append(np.r_[k * h, x, tau])
+        k1 = rate(x, tau)
+        k2 = rate(x + h / 2 * k1, tau)
+        k3 = rate(x + h / 2 * k2, tau)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, tau))
+    t, q, u, forces = np.split(np.array(rows[::2]), (1, 3, 5), axis=1)
+    each = {f"actuator m{k}": forces * (np.arange(2) == k) for k in range(2)}
+    names = ("hip", "knee")
+    return dc.Trajectory(t=t[:, 0], q=q, u=u, coordinates=names, speeds=names, forces=each)
+
+
+PENDULUM = dc.Mechanism(
+    bodies=[
+        dc.body("upper", 1.2, inertia=(0.05, 0.001, 0.05), mass_centre=(0, -0.25, 0)),
+        dc.body("lower", 0.8, inertia=(0.03, 0.001, 0.03), mass_centre=(0, -0.3, 0)),
+    ],
+    joints=[
+        dc.revolute("hip", "ground", "upper", "z"),
+        dc.revolute("knee", "upper", "lower", "z", position=(0, -0.6, 0)),
+    ],
+    gravity=(0, -9.81, 0),
+)
+
+
+def test_a_term_that_one_equation_lacks_is_named_where_motors_act() -> None:
+    assert dc.audit(PENDULUM, pendulum(0.0)).verdict.kind == "consistent"
+    audit = dc.audit(PENDULUM, pendulum(1.0))
+    assert audit.verdict.kind == "equation-error"
+    assert [(c.kind, c.element) for c in audit.causes] == [("velocity-term", "hip")]

@@ -47,13 +47,12 @@ def run(xml: str) -> dc.Trajectory:
     data.qpos[:] = (0.3, -0.5, 0.8, 0.4)
     rows = list[tuple[float, Array, Array, Array]]()
     for k in range(1200):
-        t = k * STEP
-        sway = np.sin(np.array([2.0, 2.7, 3.3, 4.1]) * t + np.arange(4))
+        sway = np.sin(np.array([2.0, 2.7, 3.3, 4.1]) * k * STEP + np.arange(4))
         if k % 2 == 0:  # a controller that is asked in every second step
             data.ctrl[:] = np.array([8.0, 12.0, 6.0, 1.0]) * sway - 0.5 * data.qvel
-        rows.append((t, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
+        rows.append((k * STEP, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
         mujoco.mj_step(model, data)
-    t, q, u, tau = (np.array(x) for x in zip(*rows[::2], strict=True))
+    t, q, u, tau = map(np.array, zip(*rows[::2], strict=True))
     forces = {f"actuator m_{name}": tau * (np.arange(4) == k) for k, name in enumerate(JOINTS)}
     return dc.Trajectory(t=t, q=q, u=u, coordinates=JOINTS, speeds=JOINTS, forces=forces)
 
@@ -90,7 +89,7 @@ def pendulum(lacking: float) -> dc.Trajectory:
         )
         far = m2 * c2 * g * np.sin(q1 + q2)
         weight = np.array([(m1 * c1 + m2 * l1) * g * np.sin(q1) + far, far])
-        return np.r_[u, np.linalg.solve(M, tau - terms - weight)]
+        return np.concatenate([u, np.linalg.solve(M, tau - terms - weight)])
 
     h, x, rows = 2e-3, np.array([0.9, -0.6, 0.0, 0.0]), list[Array]()
     tau = np.zeros(2)

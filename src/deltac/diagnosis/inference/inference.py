@@ -452,13 +452,16 @@ def _without_causes(point: Point) -> Point:
 
 
 def _closing_alone(point: Point, found: HypothesisComparison) -> HypothesisComparison | None:
-    """A method that closes the rows without causes, as likely as another with those found; None for none.
+    """The comparison without causes where these are not needed beside the right integrator; else None.
 
-    All columns of causes beside a method near the right one leave less than the right one alone.
+    All columns of causes beside a method near the right one leave less than the right one alone: that closes
+    the rows, as likely. Or the rows follow by an integrator that is no known one, and beside the causes not.
     """
     if found.blocks[0] is not found.rows or not found.posterior.best.chosen:
         return None
     alone = compared(_without_causes(point))
+    if alone.excess <= KNOWN < found.excess:
+        return alone
     if not alone.maps or alone.excess > 1.0:
         return None
     odds = _log_odds([found, alone])

@@ -19,6 +19,7 @@ from deltac.diagnosis.inference.integrators import (
     steps_between,
     transition,
 )
+from deltac.diagnosis.inference.methods import alike, likeliest_of
 from deltac.diagnosis.inference.model import Intervals, LogModel
 from tests.support.slow import repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, log
@@ -167,3 +168,14 @@ def test_a_log_that_lacks_rows_tells_its_integrator(scheme: str) -> None:
     assert audit.integrator is not None and scheme in audit.integrator.names
     assert audit.verdict.kind != "equation-error"
     assert not [f for f in audit.findings if f.weight == "cause"]
+
+
+def test_numbers_that_were_fitted_to_the_memory_of_a_method_have_a_price() -> None:
+    """Of 12000 numbers one leaves 1e-3 less, about what six numbers fit of noise: ½ N ln(1 − 1e-3) = −6."""
+    r = np.random.default_rng(0).standard_normal((1000, 12))
+    both = np.stack([r, np.sqrt(1.0 - 1e-3) * r], axis=2)
+    assert likeliest_of(both, np.array([0, 0])) == 1
+    assert likeliest_of(both, np.array([0, 7])) == 0
+    assert list(alike(both, 0, 0.0, np.array([0, 7]))) == [0]
+    # A method that closes the rows is worth its numbers.
+    assert likeliest_of(np.stack([r, 1e-3 * r], axis=2), np.array([0, 7])) == 1

@@ -576,64 +576,24 @@ def _judgement(
     `departures` (T,): energy (J) of each row of a replay beyond that of the state at which the step before
     it arrived.
     """
-    mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
-    run, ledger = log.run, log.ledger
-    findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
-    findings += checks.violations(mechanism, run, ledger, tolerance)
+    mechanism, run = reference.mechanism, log.run
     impacts = omissions.impacts_not_held(mechanism, run)
     told = omissions.with_impacts(mechanism, run) if impacts and log.consecutive is run else None
     if told is not None:
         with_them = balanced(mechanism, told[0], reference.work, (*log.findings, told[1]))
         return _judgement(reference, with_them, known, limit, progress)
-    findings += impacts
-    findings += checks.differing_channels(mechanism, log, report, tolerance)
-    findings += checks.stale_rows(mechanism, log.consecutive)
-    missing = omissions.assumed_zero(run, report)
-    findings += omissions.assumed_zero_finding(missing, omissions.limits_reached(run, report))
+    findings = _noticed(reference, log, known, impacts)
     progress(0.2)
-    doubts = {f.kind for f in findings if f.weight == "doubt"}
-    certain = any(f.weight == "cause" and f.kind != "channel-differs" for f in findings)
-    inference, rows = None, _without_own_laws(mechanism, log.consecutive)
-    begun, conventions, reading = None, None, None
-    if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
-        begun = closed(mechanism, rows, ledger.energy_exchanged)
-        as_logged = begun.alone if isinstance(begun, Unclosed) else begun
-        if as_logged and not certain and not limit.passed("other conventions of the log"):
-            conventions = Conventions(mechanism, rows, as_logged)
-    if conventions is not None and isinstance(begun, Unclosed):
-        # They are few, and far from each other: none is like a cause, or like a filter.
-        reading = conventions.of_rows()
-        inference = conventions.alone if reading else None
-    if begun is not None and reading is None:
-        lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
-        inference, before = _inferred(reference, log, rows, begun, limit, lacking)
-        if before is not None:
-            other = _judgement(reference, before, known, limit, progress)
-            # Where neither follows, a filter is likelier than causes that leave what is no noise.
-            if not _follows(inference) or _follows(other.inference):
-                return other
-        if inference is not None and (right := rezeroed(rows, inference, log.findings)):
-            zeroed = balanced(mechanism, right[0], reference.work, right[1])
-            other = _judgement(reference, zeroed, known, limit, progress)
-            if _follows(other.inference, max(KNOWN, inference.excess)):
-                return other
-        alone = differences(rows, one_sided=True)
-        if inference is not None and alone is not None and _speeds_are_shifted(inference):
-            # Speeds that no method makes so are of the coordinates alone.
-            of_coordinates = infer(mechanism, alone, ledger.energy_exchanged, limit)
-            if of_coordinates is not None and of_coordinates.methods:
-                inference = of_coordinates
-    error = np.abs(ledger.uncorrected(function_of(ledger))).max()
-    in_balance = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
-    rates = doubts <= set(omissions.OF_RATES)
-    if doubts and inference is not None and (inference.closes or (in_balance and rates)):
-        # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
-        # Nor do works of the loop that balance with energies of these speeds and coordinates.
-        findings = [f for f in findings if f.kind not in doubts]
-    elif doubts:
+    of_rows = _of_rows(reference, log, known, findings, limit, progress)
+    if isinstance(of_rows, Judgement):
+        return of_rows
+    inference, conventions, reading = of_rows
+    doubts, certain = {f.kind for f in findings if f.weight == "doubt"}, _is_certain(findings)
+    if doubts and (inference is None or not _refutes(inference, log, doubts, reference.tolerance)):
         inference = None
-    if inference is not None and inference.closes:  # nor are they in other units
-        findings = [f for f in findings if f.kind not in omissions.OF_UNITS]
+    elif inference is not None:
+        refuted = doubts | (set(omissions.OF_UNITS) if inference.closes else set())
+        findings = [f for f in findings if f.kind not in refuted]
     progress(0.7)
     if inference is not None and not certain:
         # Rows that follow from each other by a known step are not of another convention.
@@ -642,10 +602,104 @@ def _judgement(
             reading = conventions.of_more(inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
-        findings += checks.missing_equalities(mechanism, report, run, inference)
+        findings += checks.missing_equalities(mechanism, reference.import_report, run, inference)
     findings += checks.left_out(limit)
-    function = function_of(ledger)
-    in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)
+    progress(1.0)
+    return _in_joules(reference, log, inference, findings, departures)
+
+
+def _noticed(
+    reference: AuditReference, log: Log, known: Sequence[Finding], impacts: Sequence[Finding]
+) -> list[Finding]:
+    """What the columns say before anything is inferred."""
+    mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
+    findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
+    findings += checks.violations(mechanism, log.run, log.ledger, tolerance)
+    findings += impacts
+    findings += checks.differing_channels(mechanism, log, report, tolerance)
+    findings += checks.stale_rows(mechanism, log.consecutive)
+    missing = omissions.assumed_zero(log.run, report)
+    limits = omissions.limits_reached(log.run, report)
+    return findings + omissions.assumed_zero_finding(missing, limits)
+
+
+def _is_certain(findings: Sequence[Finding]) -> bool:
+    """Whether something is wrong that no convention explains."""
+    return any(f.weight == "cause" and f.kind != "channel-differs" for f in findings)
+
+
+def _of_rows(
+    reference: AuditReference,
+    log: Log,
+    known: Sequence[Finding],
+    findings: Sequence[Finding],
+    limit: TimeLimit,
+    progress: Progress,
+) -> Judgement | tuple[Inference | None, Conventions | None, Finding | None]:
+    """The inference of the rows, with conventions that were tried and the one by which they follow, if any.
+
+    Or the judgement of the log that is judged in its place: of what went into its filter, of forces in other
+    rows, with zeros of its coordinates put right.
+    """
+    mechanism, ledger = reference.mechanism, log.ledger
+    rows = _without_own_laws(mechanism, log.consecutive)
+    doubts = {f.kind for f in findings if f.weight == "doubt"}
+    begun = None
+    if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
+        begun = closed(mechanism, rows, ledger.energy_exchanged)
+    if begun is None:
+        return None, None, None
+    as_logged, conventions = begun.alone if isinstance(begun, Unclosed) else begun, None
+    if as_logged and not _is_certain(findings) and not limit.passed("other conventions of the log"):
+        conventions = Conventions(mechanism, rows, as_logged)
+    if conventions is not None and isinstance(begun, Unclosed):
+        # They are few, and far from each other: none is like a cause, or like a filter.
+        reading = conventions.of_rows()
+        if reading is not None:
+            return as_logged, conventions, reading
+    lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
+    inference, before = _inferred(reference, log, rows, begun, limit, lacking)
+    if before is not None:
+        other = _judgement(reference, before, known, limit, progress)
+        # Where neither follows, a filter is likelier than causes that leave what is no noise.
+        if not _follows(inference) or _follows(other.inference):
+            return other
+    if inference is not None and (right := rezeroed(rows, inference, log.findings)):
+        zeroed = balanced(mechanism, right[0], reference.work, right[1])
+        other = _judgement(reference, zeroed, known, limit, progress)
+        if _follows(other.inference, max(KNOWN, inference.excess)):
+            return other
+    alone = differences(rows, one_sided=True)
+    if inference is not None and alone is not None and _speeds_are_shifted(inference):
+        # Speeds that no method makes so are of the coordinates alone.
+        of_coordinates = infer(mechanism, alone, ledger.energy_exchanged, limit)
+        if of_coordinates is not None and of_coordinates.methods:
+            inference = of_coordinates
+    return inference, conventions, None
+
+
+def _refutes(inference: Inference, log: Log, doubts: set[str], tolerance: float) -> bool:
+    """Whether rows contradict no rate: they follow from each other by a known step, which may be coarse.
+
+    Nor do works of the loop that balance with energies of these speeds and coordinates.
+    """
+    ledger = log.ledger
+    error = np.abs(ledger.uncorrected(function_of(ledger))).max()
+    in_balance = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
+    return inference.closes or bool(in_balance and doubts <= set(omissions.OF_RATES))
+
+
+def _in_joules(
+    reference: AuditReference,
+    log: Log,
+    inference: Inference | None,
+    findings: list[Finding],
+    departures: Array | None,
+) -> Judgement:
+    """The judgement: ΔC by what was inferred, and what its works say."""
+    mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
+    function = function_of(log.ledger)
+    in_loop = log.ledger.method == "in-loop" and bool(log.run.integrals or log.run.works)
     log = _with_held_forces(reference, log, inference)
     run, ledger = log.run, log.ledger
     attribution = None
@@ -659,10 +713,8 @@ def _judgement(
         ledger = replace(ledger, error_bar={**ledger.error_bar, function: bar})
     findings += omissions.unresolved_works(run, ledger)
     findings += motors.differing_gears(run, ledger, tolerance, report)
-    findings += motors.foreign_notes(
-        motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
-    )
-    progress(1.0)
+    foreign = motors.foreign_channels(mechanism, log.consecutive, report)
+    findings += motors.foreign_notes(foreign, ledger.energy_exchanged)
     return Judgement(
         run,
         ledger,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import chain, combinations
+from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -169,7 +169,7 @@ class Conventions:
         """The convention that leaves next to nothing of what rows depart by as logged, without a cause."""
         if not _departs(self.alone):
             return None
-        for trial in chain(self._readings, self._axes):
+        for trial in self._trials():
             other = trial.without_causes()
             if other is not None and _rest(other) <= SMALL_SHARE * _rest(self.alone):
                 return trial.finding
@@ -190,6 +190,11 @@ class Conventions:
             if _closes(trial.without_causes(), inference):
                 return trial.finding
         return None
+
+    def _trials(self) -> Iterator[Trial]:
+        """Readings first: for each axis a model is built."""
+        yield from self._readings
+        yield from self._axes
 
     @cached_property
     def _part(self) -> Trajectory:

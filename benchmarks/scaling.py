@@ -28,7 +28,7 @@ from deltac.trajectories import Chunk
 try:
     import resource
 except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
+    resource = None  # type: ignore[assignment]  # a module elsewhere
 
 ROOT = Path(__file__).resolve().parents[1]
 DOF = (3, 10, 30, 100, 300)

@@ -101,10 +101,11 @@ class Experiment:
     def places(self) -> tuple[Array, Array]:
         """Where they stand in q and u."""
         mechanism = self.model.mechanism
-        return tuple(  # type: ignore[return-value]
+        q, u = (
             np.array([list(names).index(joint) for joint in self.joints], dtype=int)
             for names in (mechanism.coordinates.names, mechanism.speeds.names)
         )
+        return q, u
 
     @cached_property
     def start(self) -> State:

@@ -1,6 +1,7 @@
-"""Mistakes of which rows depart by as much as they move: another axis, a term left out, all rotors left out.
+"""Mistakes so large that the motion is another one: a wrong axis, a term left out, rotors that do not exist.
 
-The runs are MuJoCo's, by Runge and Kutta's method of order 4, with torques that it holds over each step.
+The arm is run by MuJoCo, the double pendulum by equations and a fourth-order Runge–Kutta method written by
+hand. Torques are held over two steps, and every second row is logged.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def test_another_axis_is_named() -> None:
 
 
 def test_rotors_that_no_joint_has_are_named() -> None:
-    """Of a wrist without a rotor the inertia is a twentieth of what the model has."""
+    """Without its rotor, the wrist has a twentieth of the inertia that the model gives it."""
     audit = dc.audit(mujoco.MjModel.from_xml_string(arm(armature=0.1)), run(arm(armature=0.0)))
     assert audit.verdict.kind == "equation-error"
     assert {(c.kind, c.element) for c in audit.causes} == {("armature", name) for name in JOINTS}
@@ -118,6 +119,12 @@ PENDULUM = dc.Mechanism(
     ],
     gravity=(0, -9.81, 0),
 )
+
+
+def test_a_column_that_is_not_read_is_told() -> None:
+    log = pendulum(0.0)
+    columns = {"t": log.t, "q.hip": log.q[:, 0], "q.knee": log.q[:, 1], "actuator m7": log.t}
+    assert "actuator m7" in dc.audit(PENDULUM, columns).explain()
 
 
 def test_a_term_that_one_equation_lacks_is_named_where_motors_act() -> None:

@@ -53,7 +53,7 @@ from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
-from deltac.results import Section, Table, number, percent
+from deltac.results import SHOWN, Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -338,6 +338,9 @@ class Audit(
         yield from self.verdict.sections()
         if self._predicted:
             yield self._predicted
+        if ignored := self.run.provenance.ignored:
+            more = ", …" if len(ignored) > SHOWN else ""
+            yield f"Columns of the log that were not read: {', '.join(ignored[:SHOWN])}{more}."
         if self.import_report is not None:
             yield from self.import_report.sections()
 
@@ -582,13 +585,13 @@ def _judgement(
     if told is not None:
         with_them = balanced(mechanism, told[0], reference.work, (*log.findings, told[1]))
         return _judgement(reference, with_them, known, limit, progress)
-    findings = _noticed(reference, log, known, impacts)
+    findings = _findings_of_columns(reference, log, known, impacts)
     progress(0.2)
-    of_rows = _of_rows(reference, log, known, findings, limit, progress)
-    if isinstance(of_rows, Judgement):
-        return of_rows
-    inference, conventions, reading = of_rows
-    doubts, certain = {f.kind for f in findings if f.weight == "doubt"}, _is_certain(findings)
+    result = _inference_of_rows(reference, log, known, findings, limit, progress)
+    if isinstance(result, Judgement):
+        return result
+    inference, conventions, reading = result
+    doubts, certain = {f.kind for f in findings if f.weight == "doubt"}, _names_a_cause(findings)
     if doubts and (inference is None or not _refutes(inference, log, doubts, reference.tolerance)):
         inference = None
     elif inference is not None:
@@ -599,16 +602,17 @@ def _judgement(
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
         if conventions is not None and reading is None and not explained:
-            reading = conventions.of_more(inference)
+            reading = conventions.rather_than(inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, reference.import_report, run, inference)
     findings += checks.left_out(limit)
+    judgement = _in_joules(reference, log, inference, findings, departures)
     progress(1.0)
-    return _in_joules(reference, log, inference, findings, departures)
+    return judgement
 
 
-def _noticed(
+def _findings_of_columns(
     reference: AuditReference, log: Log, known: Sequence[Finding], impacts: Sequence[Finding]
 ) -> list[Finding]:
     """What the columns say before anything is inferred."""
@@ -623,12 +627,12 @@ def _noticed(
     return findings + omissions.assumed_zero_finding(missing, limits)
 
 
-def _is_certain(findings: Sequence[Finding]) -> bool:
-    """Whether something is wrong that no convention explains."""
+def _names_a_cause(findings: Sequence[Finding]) -> bool:
+    """Whether the columns alone show what is wrong: no convention is tried then."""
     return any(f.weight == "cause" and f.kind != "channel-differs" for f in findings)
 
 
-def _of_rows(
+def _inference_of_rows(
     reference: AuditReference,
     log: Log,
     known: Sequence[Finding],
@@ -636,10 +640,10 @@ def _of_rows(
     limit: TimeLimit,
     progress: Progress,
 ) -> Judgement | tuple[Inference | None, Conventions | None, Finding | None]:
-    """The inference of the rows, with conventions that were tried and the one by which they follow, if any.
+    """The inference of the rows, the conventions that may be tried, and the one by which the rows follow.
 
-    Or the judgement of the log that is judged in its place: of what went into its filter, of forces in other
-    rows, with zeros of its coordinates put right.
+    Or the judgement of another log in its place: of the filter's input, with forces shifted by some rows, or
+    with the zeros of its coordinates corrected.
     """
     mechanism, ledger = reference.mechanism, log.ledger
     rows = _without_own_laws(mechanism, log.consecutive)
@@ -650,11 +654,15 @@ def _of_rows(
     if begun is None:
         return None, None, None
     as_logged, conventions = begun.alone if isinstance(begun, Unclosed) else begun, None
-    if as_logged and not _is_certain(findings) and not limit.passed("other conventions of the log"):
+    if (
+        as_logged
+        and not _names_a_cause(findings)
+        and not limit.passed("other conventions of the log")
+    ):
         conventions = Conventions(mechanism, rows, as_logged)
     if conventions is not None and isinstance(begun, Unclosed):
-        # They are few, and far from each other: none is like a cause, or like a filter.
-        reading = conventions.of_rows()
+        # They are few and far from each other: no cause and no filter resembles one.
+        reading = conventions.without_causes()
         if reading is not None:
             return as_logged, conventions, reading
     lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
@@ -679,9 +687,9 @@ def _of_rows(
 
 
 def _refutes(inference: Inference, log: Log, doubts: set[str], tolerance: float) -> bool:
-    """Whether rows contradict no rate: they follow from each other by a known step, which may be coarse.
+    """Whether an inference refutes doubts of the rates: rows that follow by a known step are at most coarse.
 
-    Nor do works of the loop that balance with energies of these speeds and coordinates.
+    Works integrated in the loop that balance the energies of these coordinates and speeds refute them, too.
     """
     ledger = log.ledger
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
@@ -696,7 +704,7 @@ def _in_joules(
     findings: list[Finding],
     departures: Array | None,
 ) -> Judgement:
-    """The judgement: ΔC by what was inferred, and what its works say."""
+    """The judgement: ΔC split by the inference, with the findings about works."""
     mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
     function = function_of(log.ledger)
     in_loop = log.ledger.method == "in-loop" and bool(log.run.integrals or log.run.works)

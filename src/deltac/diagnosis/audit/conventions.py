@@ -50,7 +50,7 @@ SHORTEST = 8
 """Rows of a log at least."""
 
 READINGS = 3
-"""Those that leave least which are judged by all rows."""
+"""Readings with the smallest residuals that are judged by all rows."""
 
 MANY_COLUMNS = 8
 """Columns up to which any two may be exchanged; of more, neighbours."""
@@ -135,9 +135,9 @@ def _rates(run: Trajectory) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A log read otherwise, or a model with another axis.
+    """A log read by another convention, or a model with another axis.
 
-    left  share of the accelerations that the equations leave then, in some of the rows
+    left  share of the accelerations that the equations then leave, in some of the rows
     """
 
     left: float
@@ -165,18 +165,18 @@ class Conventions:
     run: Trajectory
     alone: Inference
 
-    def of_rows(self) -> Finding | None:
-        """The convention that leaves next to nothing of what rows depart by as logged, without a cause."""
+    def without_causes(self) -> Finding | None:
+        """The convention by which the residual all but vanishes without any cause; None for none."""
         if not _departs(self.alone):
             return None
         for trial in self._trials():
             other = trial.without_causes()
-            if other is not None and _rest(other) <= SMALL_SHARE * _rest(self.alone):
+            if other is not None and _residual(other) <= SMALL_SHARE * _residual(self.alone):
                 return trial.finding
         return None
 
-    def of_more(self, inference: Inference) -> Finding | None:
-        """The convention that explains more than the best causes do, alone or beside a mistake."""
+    def rather_than(self, inference: Inference) -> Finding | None:
+        """The convention that explains more than the causes of an inference, alone or beside others."""
         if not (_departs(inference) or inference.finds_something):
             return None
         built = any(c.edit is not None for c in inference.posterior.best.chosen)
@@ -273,10 +273,10 @@ def _closes(other: Inference | None, inference: Inference) -> bool:
     if other is None:
         return False
     right = not any(c.kind not in OF_THE_LOG for c in other.posterior.best.chosen)
-    return _rest(other) <= (2.0 if right else 0.1) * _rest(inference)
+    return _residual(other) <= (2.0 if right else 0.1) * _residual(inference)
 
 
-def _rest(i: Inference) -> float:
+def _residual(i: Inference) -> float:
     """Root mean square of the accelerations that are left."""
     return float(np.sqrt(np.mean((i.residual[:, i.model.n :] / i.log.intervals.h) ** 2)))
 

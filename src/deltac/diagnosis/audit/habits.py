@@ -530,7 +530,7 @@ def unfiltered(
                 rows = rows.with_causes(settled)
                 settled = rows.settled(settled)
             own = settled.filter
-            # In all rows, and beside the few causes, numbers settle elsewhere, or nothing is explained.
+            # In all rows, and beside few causes, the numbers may settle elsewhere, or explain nothing.
             if own.low_pass and settled.left <= LEFT_OF_INPUT * as_logged.whole:
                 return own.before(run), _told(own, float(h.mean()), fit.left)
     return None

@@ -482,7 +482,7 @@ def evidence(
         before, after = b.misfit(without.coefficients), b.misfit(fit.coefficients)
         total += 0.5 * rows * float(np.log(before / after))
         independent += rows
-    return total - _price(numbers, independent, alternatives)
+    return total - price(numbers, independent, alternatives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -552,7 +552,7 @@ def _ordered(
     for c, gain in zip(promising, gains.tolist()):
         left = max(rows - gain, least, 1e-300)
         most = 0.5 * rows * float(np.log(rows / left))
-        bounds.append((most - _price(c.size, rows, len(candidates)), c))
+        bounds.append((most - price(c.size, rows, len(candidates)), c))
     bounds.sort(key=lambda item: -item[0])
     return bounds
 
@@ -596,7 +596,7 @@ def _gains(parts: Sequence[tuple[Array, Array]], stacks: Sequence[Stack], count:
     return gains
 
 
-def _price(numbers: int, rows: float, alternatives: int) -> float:
+def price(numbers: int, rows: float, alternatives: int = 1) -> float:
     """Log odds that free numbers and the choice among alternatives cost."""
     return 0.5 * numbers * float(np.log(max(rows, 2.0))) + float(np.log(max(alternatives, 1)))
 
@@ -810,7 +810,7 @@ def steadfast(posterior: Posterior, blocks: Sequence[Block], alternatives: int) 
         odds[~np.array(possible)] = -np.inf
         worst = int(np.argmin(odds))
         others = _without(blocks, best, worst)
-        # Nothing imitates a cause that leaves next to nothing.
+        # What explains nearly everything that the others leave is no imitation.
         if odds[worst] >= CERTAIN or (possible[worst] and _explains_all(blocks, others, best)):
             break
         best = others
@@ -847,7 +847,7 @@ def _by_stretches(blocks: Sequence[Block], fit: Fit, alternatives: int) -> list[
         first += len(theta)
         square = float(theta @ np.linalg.pinv(covariance[some, some], hermitian=True) @ theta)
         likelihood = 0.5 * (freedom + len(theta)) * float(np.log1p(square / freedom))
-        odds.append(likelihood - _price(len(theta), rows, alternatives))
+        odds.append(likelihood - price(len(theta), rows, alternatives))
     return odds
 
 

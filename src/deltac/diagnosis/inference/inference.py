@@ -341,13 +341,13 @@ def _to_first_order(
 ) -> tuple[HypothesisComparison, Inference, bool] | None:
     """Causes to first order, with places and axes where something is found; and whether they are asked on.
 
-    They are not where terms of single equations explain nearly all, nor where a log is lacking forces, and
-    what was found may be these.
+    They are not where terms of single equations explain nearly everything, nor where the log lacks forces
+    that may be what was found.
     """
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
         result = inferred(comparison)
-        term = None if filtered or not _of_no_cause(point, result) else _term(point, equations)
+        term = None if filtered or not _is_unexplained(point, result) else _term(point, equations)
         if term is not None:
             return term, inferred(term), False
         chosen = result.posterior.best.chosen
@@ -392,14 +392,14 @@ def _at_itself(
             without = _closing_alone(point, comparison)
             if without is not None:
                 return inferred(without)
-        forced = not filtered and _of_no_cause(point, result)
+        forced = not filtered and _is_unexplained(point, result)
         return (_of_force(point, result) if forced else None) or _of_steps(comparison, result)
     except NO_MOTION:
         return None
 
 
-def _of_no_cause(point: Point, result: Inference) -> bool:
-    """Whether causes leave a tenth of the amplitude of what is no noise, in rows that are the simulator's."""
+def _is_unexplained(point: Point, result: Inference) -> bool:
+    """Whether causes leave a tenth of the amplitude beyond the noise, in rows as the simulator made them."""
     run = point.run
     own = "u" not in run.provenance.derived and run.provenance.notes.get(ROWS) != INTERPOLATED
     return own and result.unnamed > PURE
@@ -452,10 +452,10 @@ def _without_causes(point: Point) -> Point:
 
 
 def _closing_alone(point: Point, found: HypothesisComparison) -> HypothesisComparison | None:
-    """The comparison without causes where these are not needed beside the right integrator; else None.
+    """The comparison without causes where the right integrator needs none; else None.
 
-    All columns of causes beside a method near the right one leave less than the right one alone: that closes
-    the rows, as likely. Or the rows follow by an integrator that is no known one, and beside the causes not.
+    All columns of causes beside a method near the right one leave less than the right one alone, which is as
+    likely. Or the rows follow within the noise by an unknown integrator, and do not beside the causes.
     """
     if found.blocks[0] is not found.rows or not found.posterior.best.chosen:
         return None
@@ -657,7 +657,7 @@ def _linearised(
     if not there.best.chosen:
         return None
     moved = compared(point, there)
-    if not _nothing_left(moved):  # what causes do looked like what forces do between rows
+    if not _nothing_left(moved):  # beside wrong equations, forces looked otherwise between rows
         acting = with_likeliest_forces(point, moved.posterior.best)
         moved = moved if acting is point else compared(acting, moved.posterior)
     best = moved.posterior.best

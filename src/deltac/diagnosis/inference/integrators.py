@@ -56,8 +56,8 @@ class Remembered:
 
     q, u      at the ends of the steps, as in `Defect` for an implicit one
     columns   what it makes of accelerations (N, k) added at the starts and at the ends of the steps: q and u
-    fitted    how many numbers were fitted to the rows: a parameter, and what was before the first rows
-    numbers   c of its leading terms, if a parameter was; else empty
+    fitted    how many numbers were fitted to the rows: a parameter, and the state before the first rows
+    numbers   c of its leading terms, if a parameter was fitted; else empty
     """
 
     q: Array

@@ -379,7 +379,7 @@ def cause_columns(
 ) -> list[Array]:
     """What a unit of each cause adds to the accelerations, M⁻¹x_j (N, n, P), at the nodes of a flow.
 
-    They are those of the flow, and what is `beyond` (N, n).
+    `beyond` (N, n) is added to the accelerations of the flow, at which the columns are evaluated.
     """
     intervals, pieces, plant = log.intervals, log.pieces, flow.plant
     rate = (intervals.end.F - intervals.start.F) / intervals.h
@@ -388,14 +388,14 @@ def cause_columns(
         if b - a > 2:
             curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
-    more = np.zeros((len(log.intervals), 1)) if beyond is None else beyond
+    beyond = np.zeros((len(log.intervals), 1)) if beyond is None else beyond
 
-    def columns(at: Rows, rate: Array, curve: Array, more: Array) -> Array:
-        return cause_responses(plant, kernels, built, at, plant.every(at) + more, rate, curve)
+    def columns(at: Rows, rate: Array, curve: Array, beyond: Array) -> Array:
+        return cause_responses(plant, kernels, built, at, plant.every(at) + beyond, rate, curve)
 
     last = _last(pieces)
-    own = [columns(at, rate, curve, more) for at in flow.nodes[:-1]]
-    end = columns(flow.end.take(last), rate[last], curve[last], more[last])
+    own = [columns(at, rate, curve, beyond) for at in flow.nodes[:-1]]
+    end = columns(flow.end.take(last), rate[last], curve[last], beyond[last])
     return _at_nodes(pieces, own, end)
 
 
@@ -756,9 +756,9 @@ class Point:
         return replace(self, columns=columns)
 
     def with_measured_columns(self) -> Point:
-        """With the columns of causes at the accelerations of the log, Δu/h.
+        """With the columns of causes evaluated at the accelerations of the log, Δu/h.
 
-        Equations are linear in inertia there, however much is wrong; noise and filters are in these, too.
+        The equations are then linear in inertia, however large its error. Noise and filters enter as well.
         """
         beyond = self.flow.w[:, self.model.n :] / self.log.intervals.h
         columns = cause_columns(self.flow, self.log, self.kernels, self.built, beyond)

@@ -17,6 +17,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
+    price,
 )
 from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Map, maps, parted
 from deltac.diagnosis.inference.observations import Observations
@@ -70,25 +71,20 @@ class Methods:
 
 
 def likeliest_of(r: Array, free: Array) -> int:
-    """Which of several residuals (N, m, k) is the likeliest, with so many `free` numbers (k,) of each."""
+    """Which of several residuals (N, m, k) is likeliest, where `free` numbers (k,) were fitted to each."""
     floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
     rows = r.shape[0] * r.shape[1] / autocorrelation_time(r[:, :, int(np.argmin(floors))])
-    return int(np.argmin(0.5 * rows * np.log(floors) + price(free, rows)))
-
-
-def price(free: Array, rows: float) -> Array:
-    """Log odds that numbers cost which were fitted to the rows."""
-    return np.asarray(0.5 * free * np.log(max(rows, 2.0)))
+    return int(np.argmin(0.5 * rows * np.log(floors) + free * price(1, rows)))
 
 
 def alike(r: Array, best: int, rounding: float, free: Array | None = None) -> NDArray[np.intp]:
-    """Which of several residuals (N, m, k) are as likely as the best, beside what `free` numbers cost."""
+    """Which of several residuals (N, m, k) are as likely as the best; `free` as of `likeliest_of`."""
     floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
     count = r.shape[0] * r.shape[1]
     rows = count / autocorrelation_time(r[:, :, best])
     odds = 0.5 * rows * np.log(floors / floors[best])
     if free is not None:
-        odds += price(free - free[best], rows)
+        odds += (free - free[best]) * price(1, rows)
     # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
     low = min(rounding * count, KNOWN * floors[best])
     return np.flatnonzero((odds < CERTAIN) | (floors <= low))
@@ -187,7 +183,7 @@ def as_likely(at: Regression, ends: Sequence[Map], best: int, fit: Fit) -> list[
 def _likeliest(
     at: Regression, trials: Sequence[tuple[Block, Posterior]], free: Sequence[int]
 ) -> int:
-    """Which of several methods, each with the causes and so many `free` numbers beside it, is the likeliest.
+    """Which of several methods, each with the causes beside it and `free` numbers fitted, is the likeliest.
 
     Odds of a cause are those against all methods without it. What another method makes of it as likely,
     and much smaller, is what that does otherwise.
@@ -196,7 +192,7 @@ def _likeliest(
     for i, (block, posterior) in enumerate(trials):
         best, own = trials[k]
         more = np.sign(len(posterior.best.chosen) - len(own.best.chosen))
-        cost = float(price(np.array(free[i] - free[k]), block.r.size))
+        cost = price(free[i] - free[k], block.r.size)
         if log_evidence(block, posterior.best, best, own.best) - cost > more * CERTAIN:
             k = i
     best, own = trials[k]

@@ -152,6 +152,98 @@ def test_implicit_methods_of_second_order_under_forces_that_are_held(step: Step)
     assert told == pytest.approx(true_joules(x, torques), abs=1e-12)
 
 
+def of_time(t: float) -> float:
+    return float(5.0 * np.sin(9.0 * t))
+
+
+def generalized_alpha(radius: float, h: float, steps: int) -> Array:
+    """States (N + 1, 2) by Chung and Hulbert's method under a torque that is a function of time."""
+    m, f = (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
+    gamma = 0.5 + f - m
+    beta = 0.25 * (gamma + 0.5) ** 2
+    q, u = 0.7, 0.0
+    a = before = acceleration(q, u, of_time(0.0))
+    rows = [(q, u)]
+    for k in range(steps):
+        own, behind, later = a, before, (q, u)
+        for _ in range(30):  # each is a thousand times nearer
+            later = (
+                q + h * u + h * h * ((0.5 - beta) * a + beta * own),
+                u + h * ((1.0 - gamma) * a + gamma * own),
+            )
+            behind = acceleration(*later, of_time((k + 1) * h))
+            own = ((1.0 - f) * behind + f * before - m * a) / (1.0 - m)
+        a, before, (q, u) = own, behind, later
+        rows.append(later)
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("radius", [0.6, 0.9])
+def test_a_method_that_takes_forces_at_rows_alone_leaves_them_functions_of_time(
+    radius: float,
+) -> None:
+    """Generalized-α has the torque of both ends of a step. What it was between, no row tells."""
+    h, steps = 5e-3, 400
+    x, t = generalized_alpha(radius, h, steps), h * np.arange(steps + 1.0)
+    run = replace(
+        log(x, 5.0 * np.sin(9.0 * t), np.arange(steps + 1)), t=t, provenance=dc.Provenance("hand")
+    )
+    audit = dc.audit(MECHANISM, run)
+    assert audit.integrator is not None and audit.integrator.names == ("generalized-alpha",)
+
+    def energy(x: Array) -> float:
+        return float(0.5 * INERTIA * x[1] ** 2 - G * LENGTH * np.cos(x[0]))
+
+    def flow(x: Array, start: float, end: float) -> Array:
+        def rate(t: float, y: Array) -> list[float]:
+            return [y[1], acceleration(y[0], y[1], of_time(t))]
+
+        return np.asarray(solve_ivp(rate, (start, end), x, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1])
+
+    pairs = list(zip(x, x[1:], t, t[1:], strict=False))
+    ahead = np.array([energy(b) - energy(flow(a, *ends)) for a, b, *ends in pairs])
+    back = np.array([energy(flow(b, *ends[::-1])) - energy(a) for a, b, *ends in pairs])
+    curve = np.concatenate([[0.0], np.cumsum(0.5 * (ahead + back))])
+    assert audit.attribution is not None
+    told = audit.attribution.integrator.curve
+    # A cubic spline lacks (ω h)⁴/384 of the torque, 1e-8; straight lines lack (ω h)²/12, 1.7e-4 of 8 J.
+    assert told == pytest.approx(curve, abs=1e-3 * float(np.abs(curve).max()))
+
+
+def stopped(h: float, every: int) -> tuple[dc.Mechanism, dc.Trajectory]:
+    """A block on a spring that strikes an elastic stop, by semi-implicit Euler; every so many rows."""
+    mass, stiffness, drag, hard, gap = 2.0, 50.0, 1.0, 4000.0, 0.15
+    mechanism = dc.Mechanism(
+        [dc.point_mass("block", mass)],
+        [dc.prismatic("slide", "ground", "block", "x", damping=drag)],
+        forces=[
+            dc.forces.joint_spring("spring", "slide", stiffness),
+            dc.forces.joint_spring(
+                "stop", "slide", potential=f"{hard} * max(q.slide - {gap}, 0)**2 / 2"
+            ),
+        ],
+    )
+    t = h * np.arange(12001.0)
+    pull = 9.0 * np.sin(2.3 * t) + 4.0 * np.sin(5.1 * t)
+    q, u, rows = 0.05, 0.0, [(0.05, 0.0)]
+    for force in pull[:-1]:
+        u += h * float(force - drag * u - stiffness * q - hard * max(q - gap, 0.0)) / mass
+        q += h * u
+        rows.append((q, u))
+    x = np.array(rows)[::every]
+    return mechanism, dc.Trajectory(
+        t=t[::every], q=x[:, :1], u=x[:, 1:], coordinates=("slide",), speeds=("slide",),
+        forces={"actuator pull": pull[::every, None]}, provenance=dc.Provenance("hand"),
+    )  # fmt: skip
+
+
+def test_kinks_of_a_stop_hide_no_method_of_several_steps_between_rows() -> None:
+    audit = dc.audit(*stopped(5e-4, 4))
+    assert audit.verdict.kind != "equation-error" and not audit.causes
+    assert audit.integrator is not None and audit.integrator.names == ("semi-implicit-euler",)
+    assert audit.integrator.step == pytest.approx(5e-4)
+
+
 def of_other_rows(step: Step, late: int) -> tuple[dc.Trajectory, Array]:
     """A log in which each torque acts so many rows after its own, and the true joules at its rows."""
     x, torques = motion(step, 400)

@@ -75,6 +75,41 @@ def test_copies_of_rows_are_left_out() -> None:
     assert len(made.run) == len(run) - len(run.t[7::7])
 
 
+@pytest.mark.parametrize("decimals", [None, 10])
+@pytest.mark.parametrize("every", [(2,), (3, 5, 2)])
+def test_rows_on_chords_give_back_the_states_between_which_they_lie(
+    every: tuple[int, ...], decimals: int | None
+) -> None:
+    """Steps of one length, at which some rows lie, and of several, between rows."""
+    run = log(CartPole())
+    states = run.take(np.cumsum(np.resize(every, (len(run) - 1) // max(every))))
+    h = float(run.t[1])
+    t = states.t[0] + np.arange(0.0, np.ptp(states.t), h if len(every) == 1 else 0.7 * h)
+
+    def interpolated(x: np.ndarray) -> np.ndarray:
+        columns = np.column_stack([np.interp(t, states.t, column) for column in x.T])
+        return columns if decimals is None else np.round(columns, decimals)
+
+    forces = {name: interpolated(x) for name, x in states.forces.items()}
+    rows = replace(
+        states, t=t, q=interpolated(states.q), u=interpolated(states.u), forces=forces,
+        udot=None, works={}, integrals={},
+    )  # fmt: skip
+    made = cleaned(MECHANISM, rows)
+    assert [f.kind for f in made.findings] == ["interpolated-rows"]
+    # All but the ends, and those that have no two rows on a chord beside them.
+    assert len(made.run) > 0.9 * len(states) - 2
+    nearest = np.abs(states.t[:, None] - made.run.t).argmin(axis=0)
+    exact = 1e-12 if decimals is None else 20.0 * 10.0**-decimals
+    # A knot slides along its chord by the digits over the angle of two chords.
+    along = (made.run.t - states.t[nearest])[:, None]
+    assert np.abs(along).max() < (1e-9 if decimals is None else 1e-3) * h * max(every)
+    for own, x in (("q", states.q), ("u", states.u)):
+        rate = np.gradient(x, states.t, axis=0)[nearest]
+        off = np.abs(getattr(made.run, own) - x[nearest])
+        assert np.all(off <= exact + np.abs(along * rate) * 2.0)
+
+
 @pytest.mark.parametrize("what", ["q", "u"])
 def test_columns_one_row_late(what: str) -> None:
     run = log(CartPole())

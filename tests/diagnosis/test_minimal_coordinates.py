@@ -6,6 +6,7 @@ The oracle is Lagrange's equation of its angle, by hand, with integrators writte
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -126,6 +127,22 @@ def test_an_integrator_of_one_coordinate_is_named(name: str) -> None:
     if name != "heun":
         error = (energy(run) - energy(run)[0] - work)[-1]
         assert own.energy == pytest.approx(error, rel=0.02)
+
+
+@pytest.mark.parametrize("digits", [6, 5])
+def test_digits_hide_no_integrator_of_one_coordinate(digits: int) -> None:
+    """The others follow from it to what its digits make of them."""
+    run = slid(semi_implicit_euler, 2e-3, 200)
+
+    def written(x: np.ndarray) -> np.ndarray:
+        return np.array([[float(f"{v:.{digits}g}") for v in row] for row in x])
+
+    log = replace(run, q=written(run.q), u=written(run.u))
+    exact, told = (dc.audit(ladder(), r).attribution for r in (run, log))
+    assert exact is not None and told is not None
+    apart = told.integrator.energy - exact.integrator.energy
+    assert abs(apart) <= 2.0 * told.integrator.error
+    assert told.integrator.error < 0.01 * abs(exact.integrator.energy)
 
 
 @pytest.mark.parametrize(

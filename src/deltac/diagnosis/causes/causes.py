@@ -396,7 +396,7 @@ class Candidate:
 
         The product of a mass that is larger and a mass centre that is elsewhere is in the residual.
         """
-        product = (self.kind, other.kind) == ("body-mass", "body-centre")
+        product = self.kind in ("body-mass", "body-inertia") and other.kind == "body-centre"
         return float(product and self.element == other.element)
 
     def excludes(self, other: Candidate) -> bool:

@@ -97,16 +97,19 @@ def _with_corrections(
 ) -> tuple[Share, Array]:
     """The share with what keeps the constraints, as a part of the step, and the residual (N, 2n) without it.
 
-    Projections move states by M⁻¹Gᵀ λ. So does noise of the rows, which does not add up: joules are shrunk by
-    the share of their largest square that `SIGNIFICANT` standard errors of that noise explain.
+    Projections move states by M⁻¹Gᵀ λ. So does noise of the rows, which does not add up, and that of forces,
+    which does: joules are shrunk by the share of their largest square that `SIGNIFICANT` standard errors of
+    both explain.
     """
     at, log, across = comparison.at, comparison.point.log, comparison.across
     if across is None:
         return share, residual
     correction = (across @ residual[:, :, None])[:, :, 0]
     curve = log.running(at.work(correction))
-    of_rows = np.sum(((at.gradient[:, None] @ across)[:, 0] * log.noise[1]) ** 2, axis=1)
-    noise = np.sqrt(of_rows + of_rows[0]) + 1e-300
+    gradient, unknown = (at.gradient[:, None] @ across)[:, 0], comparison.point.noise
+    of_rows = np.sum((gradient * log.noise[1]) ** 2, axis=1)
+    of_forces = np.einsum("km,kmn,kn->k", gradient, unknown.own + unknown.doubt, gradient)
+    noise = np.sqrt(of_rows + of_rows[0] + np.cumsum(np.maximum(of_forces, 0.0))) + 1e-300
     seen = float(np.max((curve / (SIGNIFICANT * noise)) ** 2))
     real = 1.0 - 1.0 / max(seen, 1.0)
     errors = share.curve_error, real * noise, real * (1.0 - real) * curve
@@ -438,32 +441,37 @@ def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:
 def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
-    By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
-    forces at several instants of a step takes them as functions of time; those that keep their values over
-    several rows are held.
+    By those it arrives at the same rows as far as their noise tells, and the flow does not. Methods of order
+    two and more are of forces that are functions of time, straight or smooth between rows; those that keep
+    their values over several rows are held.
     """
     at, point, method = comparison.at, comparison.point, comparison.methods[0]
     forces, log, plant = point.forces, point.log, point.flow.plant
-    if method.order > 1 or method.holding or not forces.kinds:
+    if method.holding or method is EXACT or not forces.kinds:
         return
     if point.run.provenance.held is not None:
         return
 
     @cache
-    def arrival(by: InterpolatedForces) -> Rows:
-        """The rows that the method makes of those before."""
+    def arrival(by: InterpolatedForces) -> Rows | None:
+        """The rows that the method makes of those before; None where it makes none."""
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
-        return next(maps(plant, own, force, comparison.counts, 1, [method])).end
+        made = next(maps(plant, own, force, comparison.counts, 1, [method]), None)
+        return made and made.end
 
-    for kind in ("step", "smooth") if forces.several else ("start", "ramp", "smooth"):
-        own = zip(forces.kinds, forces.stairs, strict=True)
-        other = forces.of([held if stair else kind for held, stair in own])
+    held = ("step",) if forces.several else ("start", "ramp")
+    for kind in (*(held if method.order == 1 else ("ramp",)), "smooth"):
+        each = zip(forces.kinds, forces.stairs, strict=True)
+        other = forces.of([own if stair else kind for own, stair in each])
         nodes = np.linspace(0.0, 1.0, 5)
         change = np.stack([other.between(s) - forces.between(s) for s in nodes])
         if not change.any():
             continue
-        apart = point.model.difference(arrival(forces), arrival(other))
+        rows, others = arrival(forces), arrival(other)
+        if rows is None or others is None:
+            continue
+        apart = point.model.difference(rows, others)
         if 0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN:
             yield -HALF * log.running(at.work(point.flow.moved_by_forces(change)))
 

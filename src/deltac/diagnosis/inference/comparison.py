@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SIX_DIGITS, Array
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     TOGETHER,
@@ -140,22 +140,27 @@ class HypothesisComparison:
 
     @cached_property
     def across(self) -> Array | None:
-        """What impulses of the constraints make of changes of the states, beside the noise of the rows.
+        """What impulses of the constraints make of changes of the states, beside what else is not known.
 
-        Projectors (N, 2n, 2n) of coordinates and of speeds, by least squares; None without constraints.
+        Projectors (N, 2n, 2n) of coordinates and of speeds, by least squares weighted with the covariance of
+        noise of the rows and of forces; None without constraints.
         """
-        flow, log = self.point.flow, self.point.log
+        flow, log, noise = self.point.flow, self.point.log, self.point.noise
         model, n = flow.plant, flow.plant.n
         if not model.rows_of_G:
             return None
         by_impulses = model.impulses(flow.end.t, flow.end.q)
-        sigma = np.hypot(*log.noise)
-        sigma = np.maximum(sigma, EPS * sigma.max(axis=0))[:, :, None]
-        across = np.zeros((len(sigma), 2 * n, 2 * n))
+        unknown = noise.own + noise.doubt
+        diagonal, own = np.arange(2 * n), np.hypot(*log.noise)
+        unknown[:, diagonal, diagonal] += np.maximum(own, EPS * own.max(axis=0)) ** 2
+        size = np.sqrt(unknown[:, diagonal, diagonal])
+        across = np.zeros_like(unknown)
         for some in (slice(0, n), slice(n, 2 * n)):
-            size = sigma[:, some]
-            impulses = np.linalg.pinv(by_impulses / size) / size.transpose(0, 2, 1)
-            across[:, some, some] = by_impulses @ impulses
+            scale = size[:, some, None]
+            C = unknown[:, some, some] / (scale * scale.transpose(0, 2, 1))
+            white = np.linalg.inv(np.linalg.cholesky(C + SIX_DIGITS**2 * np.eye(n)))
+            white = white / scale.transpose(0, 2, 1)
+            across[:, some, some] = by_impulses @ np.linalg.pinv(white @ by_impulses) @ white
         return across
 
     @cached_property

@@ -339,10 +339,10 @@ class _Together:
     """Causes at once: their numbers x, one after the other, as coefficients of their own columns.
 
     `own` are the places of these columns among those of all causes, hundreds. `grown`: whether some multiply
-    others; where the flow is taken again with the causes in it, their products are in that.
+    others.
     """
 
-    def __init__(self, chosen: Sequence[Candidate], products: bool) -> None:
+    def __init__(self, chosen: Sequence[Candidate]) -> None:
         self.chosen = chosen
         own = sorted({k for c in chosen for k in c.columns})
         place = {k: i for i, k in enumerate(own)}
@@ -351,7 +351,7 @@ class _Together:
         last = list(accumulate(c.size for c in chosen))
         self.numbers = [slice(end - c.size, end) for c, end in zip(chosen, last)]
         self.size = last[-1]
-        units = [[c.scales(other) for other in chosen] for c in chosen] if products else []
+        units = [[c.scales(other) for other in chosen] for c in chosen]
         self.grown = any(map(any, units))
         self.units = np.array(units) if self.grown else np.zeros((0, 0))
         self.linear = not self.grown and all(c.quadratic is None for c in chosen)
@@ -405,7 +405,7 @@ def fitted(
     blocks: Sequence[Block], chosen: Sequence[Candidate], start: Sequence[Array] = ()
 ) -> Fit | None:
     """The numbers of causes together by maximum likelihood; None where they are not told apart."""
-    P, causes = len(blocks[0].causes), _Together(chosen, not len(blocks[0].nuisance))
+    P, causes = len(blocks[0].causes), _Together(chosen)
     own, x = causes.own, np.zeros(causes.size)
     for of, theta in zip(causes.numbers, start):
         x[of] = theta
@@ -524,12 +524,11 @@ def _ordered(
     That is by the columns that the chosen causes leave of its own: exact for a cause that is linear in its
     numbers.
     """
-    alone, beside, rows, least = [], [], 0.0, 0.0
+    beside, rows, least = [], 0.0, 0.0
     for block in blocks:
         p, now = block.projected, best.coefficients
         variance = block.misfit(now) / block.count
         A, b = p.A / variance, p.slope(now) / variance
-        alone.append((A, b))
         if best.chosen:
             to = A @ best.tangent
             inner = np.linalg.pinv(best.tangent.T @ to, rcond=SAME, hermitian=True)
@@ -538,7 +537,7 @@ def _ordered(
         rows += block.count
         least += block.least / variance
 
-    gains = _gains(alone, _stacked(tuple(candidates)), len(candidates))
+    gains = _gains(beside, _stacked(tuple(candidates)), len(candidates))
     promising = list[Candidate]()
     for k in np.argsort(-gains, kind="stable").tolist():
         c = candidates[k]
@@ -610,8 +609,9 @@ def search(
     most: int = TOGETHER,
     beside: float = NEGLIGIBLE,
     pairs: bool = False,
+    start: Fit | None = None,
 ) -> Posterior:
-    """The causes with the best odds, one after the other, each beside all before.
+    """The causes with the best odds, one after the other, each beside all before, and those of a `start`.
 
     Beside the one that was added, another may come in the place of each before (sequential replacement: A.
     Miller, Subset Selection in Regression, 2002, ch. 3).
@@ -620,7 +620,7 @@ def search(
     `most` are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass
     centre of a body at once.
     """
-    best, near = nothing(len(blocks[0].causes)), list[Fit]()
+    best, near = start or nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
 
     def extended(without: Fit, wanted: int) -> list[tuple[float, Fit]]:
@@ -695,7 +695,10 @@ def several_of_one_kind(
 
 
 def _of_one_kind(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
-    """Causes of one number that are the same mistake, or two that files make in all joints."""
+    """Causes of one number that are the same mistake, or two that files make in all joints.
+
+    And all of the inertia of a body, which a payload changes together.
+    """
     kinds: dict[str, list[Candidate]] = {}
     for c in candidates:
         if c.size == 1:
@@ -708,6 +711,15 @@ def _of_one_kind(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
     yield from several.values()
     for one, other in combinations([several[kind] for kind in LEFT_OUT if kind in several], 2):
         yield [*one, *other]
+    largest: dict[tuple[str, str], Candidate] = {}
+    for c in candidates:
+        if c.size > (largest[c.element, c.kind].size if (c.element, c.kind) in largest else 0):
+            largest[c.element, c.kind] = c
+    for body in [body for body, kind in largest if kind == "body-mass"][:MANY]:
+        for kind in ("body-moments", "body-tensor"):
+            own = [(body, "body-mass"), (body, "body-centre"), (body, kind)]
+            if all(one in largest for one in own):
+                yield [largest[one] for one in own]
 
 
 LEFT_OUT = ("missing-damper", "missing-rotor-inertia", "missing-friction")

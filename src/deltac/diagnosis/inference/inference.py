@@ -71,6 +71,7 @@ from deltac.diagnosis.inference.regression import (
     by_accelerations,
     mistakes_of_one_kind,
     regression,
+    with_more,
 )
 from deltac.diagnosis.inference.result import (
     KNOWN,
@@ -492,7 +493,8 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
             comparison = next(known, None) or compared(moved)
     method = comparison.methods[0] if comparison.maps else None
     # Near the right method, before causes are linearised at themselves, others may leave less.
-    rows_alone = method and (method.order == 1 or (method.defect and comparison.closing))
+    of_rows = method and (method.defect or method.later) and comparison.closing
+    rows_alone = method and (method.order == 1 or of_rows)
     if rows_alone and point.run.provenance.held is None:
         moved = held_as_in(comparison)
         comparison = comparison if moved is comparison.point else compared(moved)
@@ -607,7 +609,35 @@ def _at_causes(
         alone = _settled(near.point if near else point.narrowed(found), found)
     if alone is None or not alone.posterior.best.chosen:
         return _settled(point, found)
+    acting = _by_other_forces(alone)
+    if acting is not alone:
+        alone = _settled(acting.point, acting.posterior) or acting
+        point = point.with_flow(forces=acting.point.forces).with_noise_of_rows()
     return _settled(point, alone.posterior, True)
+
+
+def _by_other_forces(built: HypothesisComparison) -> HypothesisComparison:
+    """The comparison at the same causes where all forces act in the likeliest way of those that are usual.
+
+    How they act was told to first order beside causes that had not settled. A method that takes the force of
+    a row alone and an unknown one beside smooth forces are far from each other.
+    """
+    point = built.point
+    if _nothing_left(built) or point.forces.filter is not None or point.forces_known:
+        return built
+    tried = [built]
+    for kind in ("smooth", "ramp", "start"):
+        forces = point.forces.alike(kind)
+        if forces.kinds != point.forces.kinds:
+            moved = point.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
+            tried.append(compared(moved, built.posterior))
+    return _likelier(*(one for one in tried if one.posterior.best.alike(built.posterior.best)))
+
+
+def _likelier(*comparisons: HypothesisComparison) -> HypothesisComparison:
+    """The first of several comparisons, or that which is certainly likelier than it."""
+    odds = _log_odds(comparisons)
+    return comparisons[int(np.argmax(odds)) if odds.max() > odds[0] + CERTAIN else 0]
 
 
 def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisComparison | None:
@@ -659,7 +689,9 @@ def _linearised(
     moved = compared(point, there)
     if not _nothing_left(moved):  # beside wrong equations, forces looked otherwise between rows
         acting = with_likeliest_forces(point, moved.posterior.best)
-        moved = moved if acting is point else compared(acting, moved.posterior)
+        if acting is not point:
+            # To first order they may look likelier than they are.
+            moved = _likelier(moved, compared(acting, moved.posterior))
     best = moved.posterior.best
     return moved if len(best.each) == len(best.chosen) else None
 
@@ -719,17 +751,20 @@ def _beside(
 
 def _with_further(built: HypothesisComparison, point: Point) -> HypothesisComparison:
     """The comparison with causes beside those found that the squares of these have hidden."""
+    if not point.forces.act_as(built.point.forces) and built.point.forces.filter is None:
+        point = point.with_flow(forces=built.point.forces).with_noise_of_rows()
     for _ in range(RELINEARISATIONS):
-        own = {c.name for c in built.posterior.best.chosen}
-        if not own or _nothing_left(built) or built.closing:
+        block, best = built.blocks[0], built.posterior.best
+        if not best.chosen or _nothing_left(built) or built.closing:
             break
-        sets = [*mistakes_of_one_kind(built.at, built.rows), compared(built.point).posterior]
+        own = {c.name for c in best.chosen}
+        sets = [*mistakes_of_one_kind(built.at, built.rows), with_more(built.at, block, best)]
         more = [one for one in sets if own < {c.name for c in one.best.chosen}]
         tried = [one for one in (_at_causes(point, found) for found in more) if one is not None]
-        odds = _log_odds([built, *tried])
-        if odds.max() <= odds[0] + CERTAIN:
+        likelier = _likelier(built, *tried)
+        if likelier is built:
             break
-        built = tried[int(np.argmax(odds)) - 1]
+        built = likelier
     return built
 
 

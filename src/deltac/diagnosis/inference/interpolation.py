@@ -111,7 +111,7 @@ def held_as_in(comparison: HypothesisComparison) -> Point:
     def acting(kind: str) -> str:
         if method.later:
             if method.order > 1:
-                return "smooth" if kind in ("start", "end") else kind
+                return "smooth" if kind in ("start", "end", "mean") else kind
             return "ramp" if kind == "end" else kind
         return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
 

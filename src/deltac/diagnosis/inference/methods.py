@@ -17,13 +17,14 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
+    nothing,
     price,
 )
-from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Map, maps, parted
+from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Integrator, Map, maps, parted
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.regression import Regression, searched
 from deltac.diagnosis.inference.result import KNOWN, SLIGHT
-from deltac.diagnosis.inference.whitening import least_squares
+from deltac.diagnosis.inference.whitening import least_squares, student_weights
 
 FAR = 1e4
 """Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an
@@ -133,10 +134,32 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
     point, flow = at.point, at.point.flow
     if point.run.provenance.step is not None or flow.plant.n > MOST_SPEEDS:
         return
-    (c, covariance), some = series.numbers(best), slice(0, len(FIELDS))
-    for method, k in parted(c[some], covariance[some, some], PARTS, flow.plant.damped):
+    # With the right method rows may need no cause, and then causes stand for what it does.
+    some, likely = slice(0, len(FIELDS)), dict[tuple[Integrator, int], None]()
+    for fit in (nothing(len(best.coefficients)), best)[: 1 + bool(best.chosen)]:
+        c, covariance = _typical(series, fit).numbers(fit)
+        near = parted(c[some], covariance[some, some], PARTS, flow.plant.damped)
+        likely |= dict.fromkeys(near)
+    for method, k in likely:
         intervals, force, put_back = point.log.intervals, point.forces.between, flow.projected
         yield from maps(flow.plant, intervals, force, flow.counts, k, [method], projected=put_back)
+
+
+def _typical(series: Block, best: Fit) -> Block:
+    """The equations weighted by what the series leaves of them: kinks of forces in some steps are none of it."""
+    own, scale = series, np.ones((len(series.r), 1))
+    for _ in range(TURNS):
+        left = own.residual(best.coefficients) / scale
+        weights, _ = student_weights(left)
+        if np.all(weights == 1.0):
+            break
+        scale = np.sqrt(weights)[:, None]
+        own = replace(series, r=series.r * scale, D=series.D * scale[:, :, None])
+    return own
+
+
+TURNS = 6
+"""Turns of expectation and maximisation."""
 
 
 def by_own_steps(at: Regression, methods: Methods) -> Methods:

@@ -20,6 +20,7 @@ from scipy.linalg import qr
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import LogModel, Rows
+from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.states import WELL_CONDITIONED
 from deltac.kernels.rows import RowExpression
 from deltac.mechanism.mechanism import Mechanism
@@ -176,6 +177,9 @@ def reductions(model: LogModel, run: Trajectory) -> Iterator[Reduced]:
     else:  # the others are the columns that G has most of
         _, _, order = qr(np.concatenate(G), mode="economic", pivoting=True)
         choices = [tuple(sorted(int(k) for k in order[model.n - count :]))]
+    digits = digits_of(run)
+    of_q, of_u = (digits[name].scatter(some) for name in ("q", "u"))
+    scatter = Rows(rows.t, of_q[:, model.of_q], of_u[:, model.of_u], rows.F)
     sets: list[tuple[float, tuple[int, ...]]] = []
     for own in choices:
         others = np.setdiff1d(np.arange(model.n), own)
@@ -184,13 +188,23 @@ def reductions(model: LogModel, run: Trajectory) -> Iterator[Reduced]:
     for worst, own in sorted(sets)[:SETS]:
         if worst <= 1.0 / WELL_CONDITIONED:
             reduced = Reduced(model, run, own)
-            if _satisfied(reduced, rows):
+            if _satisfied(reduced, rows, scatter):
                 yield reduced
 
 
-def _satisfied(reduced: Reduced, rows: Rows) -> bool:
-    """Whether the others of some rows are those that follow from the independent ones, to a millionth."""
-    own = reduced.completed(Rows(rows.t, rows.q[:, reduced.own_q], rows.u[:, reduced.own], rows.F))
-    off = np.abs(reduced.whole.difference(own, rows))
-    size = np.abs(reduced.whole.difference(rows.take(slice(0, -1)), rows.take(slice(1, None))))
-    return bool(np.all(off.max(axis=0) <= 1e-6 * (size.max(axis=0) + 1e-300)))
+def _satisfied(reduced: Reduced, rows: Rows, scatter: Rows) -> bool:
+    """Whether the others of some rows are those that follow from the independent ones.
+
+    To a millionth, or twice what their scatter makes.
+    """
+    q, u, F = rows.q[:, reduced.own_q], rows.u[:, reduced.own], rows.F
+    own = reduced.completed(Rows(rows.t, q, u, F))
+    ends = (
+        reduced.completed(Rows(rows.t, q + of_q, u + of_u, F))
+        for of_q, of_u in ((scatter.q[:, reduced.own_q], 0.0), (0.0, scatter.u[:, reduced.own]))
+    )
+    difference = reduced.whole.difference
+    allowed = sum(np.abs(difference(own, end)) for end in ends) + np.hstack([scatter.q, scatter.u])
+    size = np.abs(difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))).max(axis=0)
+    off = np.abs(difference(own, rows))
+    return bool(np.all(off <= 1e-6 * (size + 1e-300) + 2.0 * allowed))

@@ -353,6 +353,17 @@ def _least_joules(at: Regression, block: Block) -> float:
     return max(at.bias, at.omitted if series else 0.0)
 
 
+def with_more(at: Regression, block: Block, found: Fit) -> Posterior:
+    """The posterior of causes beside those that were found.
+
+    What the series leaves out is large beside fields that stand for the rest of a mistake, and no bound of it.
+    """
+    negligible = SIX_DIGITS * at.point.energy
+    return search(
+        (block,), at.point.candidates, lambda fit: at.exchanged(fit)[0], at.bias, negligible, start=found
+    )
+
+
 def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:
     """The same mistake, made several times."""
     least = max(_least_joules(at, block), SIX_DIGITS * at.point.energy)

@@ -48,7 +48,7 @@ class Cleaned:
 
 
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
-    """Test q against u, and undo what is safe to undo: copies of rows, turns of 2π, single spikes.
+    """Test q against u, and undo what is safe to undo: copies of rows, chords, turns of 2π, single spikes.
 
     Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
     runs with integrals or events.
@@ -59,7 +59,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     if "u" in run.provenance.derived:
         run, findings = _unwrapped(mechanism, run)
         return Cleaned(run, tuple(findings))
-    for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
+    for step in (_without_copies, _at_the_pace_of_the_slower, _at_knots, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
     of_coordinates = differences(run)
@@ -148,6 +148,69 @@ def _at_the_pace_of_the_slower(
         )
         return run.take(remaining), [finding]
     return run, []
+
+
+def _at_knots(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """The states between which rows were interpolated on straight lines.
+
+    Where coordinates keep their rates over three rows while the speeds beside them change, the rows are on a
+    chord of the motion. Chords that follow each other meet in a state of the solver; that they do so in all
+    columns at one instant tells that nothing else lies between them.
+    """
+    pairs = RateNames.of(run.coordinates, run.speeds).rates
+    if not pairs or _whole(run) or run.works or run.stages is not None:
+        return run, []
+    digits, t, h = digits_of(run), run.t, np.diff(run.t)
+    x, half = (np.hstack(of) for of in ((run.q, run.u), (digits["q"].half(), digits["u"].half())))
+    rates = np.diff(x, axis=0) / h[:, None]
+    slack = CHORD * (half + EPS * np.abs(t).max() * np.abs(rates).max(axis=0))
+    share = (h[:-1] / (h[:-1] + h[1:]))[:, None]
+    bend = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
+    straight = np.all(np.abs(bend) <= slack[1:-1], axis=1)
+    q, u = np.array(pairs).T
+    due = 0.25 * h[:-1, None] * np.abs(run.u[2:, u] - run.u[:-2, u])
+    chords = straight & np.any(due > 10.0 * slack[1:-1, q], axis=1)
+    if np.sum(chords) < max(SHORTEST_PART, NEGLIGIBLE * len(run)):
+        return run, []
+    # Lines through the rows before and after an interval meet within it.
+    before, after, within = rates[:-2], rates[2:], h[1:-1]
+    apart, turn = x[2:-1] - after * within[:, None] - x[1:-2], before - after
+    weights = 1.0 / slack[1:-2]
+    turn_squared = np.sum((weights * turn) ** 2, axis=1) + 1e-300
+    later = np.sum(weights**2 * turn * apart, axis=1) / turn_squared
+    meet = np.all(np.abs(apart - later[:, None] * turn) <= CHORD * slack[1:-2], axis=1)
+    near = CHORD / np.sqrt(turn_squared)
+    meet &= (later >= -near) & (later <= within + near) & ~(straight[:-1] | straight[1:])
+    rows = np.flatnonzero(~straight[1:-1] & straight[:-2] & straight[2:]) + 2
+    k = np.concatenate([np.flatnonzero(meet) + 1, rows])
+    later = np.concatenate([later[meet], np.zeros(len(rows))])
+    if len(k) < SHORTEST_PART:
+        return run, []
+    order = np.argsort(t[k] + later)
+    k, later = k[order], later[order]
+    weight = (later / h[k - 1])[:, None]
+
+    def moved(values: Array | None) -> Array | None:
+        """Columns on the line through the row and the one before."""
+        return None if values is None else values[k] + weight * (values[k] - values[k - 1])
+
+    forces = {name: moved(values) for name, values in run.forces.items()}
+    knots = replace(
+        run, t=t[k] + later, q=moved(run.q), u=moved(run.u), udot=moved(run.udot), forces=forces,
+        provenance=replace(run.provenance, step=None),
+    )  # fmt: skip
+    return knots, [
+        Finding(
+            "interpolated-rows",
+            "rows lie on straight lines between states of the solver",
+            f"{int(chords.sum())} of {len(run)} rows are on chords, which meet in {len(k)} states",
+            "These were judged. Log the solver's own steps, or its interpolant",
+        )
+    ]
+
+
+CHORD = 8.0
+"""Half last digits within which rows lie on a line."""
 
 
 def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:

@@ -198,7 +198,9 @@ def test_a_method_that_takes_forces_at_rows_alone_leaves_them_functions_of_time(
         def rate(t: float, y: Array) -> list[float]:
             return [y[1], acceleration(y[0], y[1], of_time(t))]
 
-        return np.asarray(solve_ivp(rate, (start, end), x, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1])
+        return np.asarray(
+            solve_ivp(rate, (start, end), x, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+        )
 
     pairs = list(zip(x, x[1:], t, t[1:], strict=False))
     ahead = np.array([energy(b) - energy(flow(a, *ends)) for a, b, *ends in pairs])

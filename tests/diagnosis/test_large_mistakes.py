@@ -161,10 +161,10 @@ def followed(lower: tuple[float, float, float], h: float, every: int) -> dc.Traj
 
     def torques(t: float, x: Array) -> Array:
         path = np.array([0.8, 0.9]) * np.sin(np.array([2.1, 2.7]) * t + np.array([0.2, -0.5]))
-        return np.array([60.0, 40.0]) * (path - x[:2]) - np.array([9.0, 5.0]) * x[2:]
+        return np.asarray(np.array([60.0, 40.0]) * (path - x[:2]) - np.array([9.0, 5.0]) * x[2:])
 
     def rate(t: float, x: Array) -> Array:
-        (q1, q2), u = x[:2], x[2:]
+        q2, u = x[1], x[2:]
         k, s = m * SHOULDER * c * np.cos(q2), m * SHOULDER * c * np.sin(q2)
         own = moment + m * c**2
         first = UPPER[2] + UPPER[0] * UPPER[1] ** 2 + m * SHOULDER**2 + own + 2.0 * k

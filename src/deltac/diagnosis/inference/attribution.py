@@ -458,7 +458,7 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
         made = next(maps(plant, own, force, comparison.counts, 1, [method]), None)
-        return made and made.end
+        return None if made is None else made.end
 
     held = ("step",) if forces.several else ("start", "ramp")
     for kind in (*(held if method.order == 1 else ("ramp",)), "smooth"):

@@ -610,9 +610,10 @@ def _at_causes(
     if alone is None or not alone.posterior.best.chosen:
         return _settled(point, found)
     acting = _by_other_forces(alone)
-    if acting is not alone:
-        alone = _settled(acting.point, acting.posterior) or acting
-        point = point.with_flow(forces=acting.point.forces).with_noise_of_rows()
+    moved = None if acting is alone else _settled(acting.point, acting.posterior)
+    if moved is not None and moved.posterior.best.chosen:
+        alone = moved
+        point = point.with_flow(forces=moved.point.forces).with_noise_of_rows()
     return _settled(point, alone.posterior, True)
 
 

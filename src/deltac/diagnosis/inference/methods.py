@@ -146,7 +146,7 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
 
 
 def _typical(series: Block, best: Fit) -> Block:
-    """The equations weighted by what the series leaves of them: kinks of forces in some steps are none of it."""
+    """The equations weighted by what the series leaves of them: kinks of forces are none of it."""
     own, scale = series, np.ones((len(series.r), 1))
     for _ in range(TURNS):
         left = own.residual(best.coefficients) / scale

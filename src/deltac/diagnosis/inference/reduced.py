@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
+from dataclasses import replace
 from itertools import combinations
 from math import comb
 
@@ -185,10 +186,12 @@ def reductions(model: LogModel, run: Trajectory) -> Iterator[Reduced]:
         others = np.setdiff1d(np.arange(model.n), own)
         worst = float(np.linalg.cond(G[:, :, others]).max())
         sets.append((worst, own))
-    for worst, own in sorted(sets)[:SETS]:
+    exact = replace(scatter, q=0.0 * scatter.q, u=0.0 * scatter.u)
+    for place, (worst, own) in enumerate(sorted(sets)[:SETS]):
         if worst <= 1.0 / WELL_CONDITIONED:
             reduced = Reduced(model, run, own)
-            if _satisfied(reduced, rows, scatter):
+            # Of coarse rows the set that tells the others best.
+            if _satisfied(reduced, rows, exact if place else scatter):
                 yield reduced
 
 

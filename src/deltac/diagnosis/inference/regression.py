@@ -356,11 +356,16 @@ def _least_joules(at: Regression, block: Block) -> float:
 def with_more(at: Regression, block: Block, found: Fit) -> Posterior:
     """The posterior of causes beside those that were found.
 
-    What the series leaves out is large beside fields that stand for the rest of a mistake, and no bound of it.
+    Fields that stand for the rest of a mistake tell nothing of what the series leaves out.
     """
     negligible = SIX_DIGITS * at.point.energy
     return search(
-        (block,), at.point.candidates, lambda fit: at.exchanged(fit)[0], at.bias, negligible, start=found
+        (block,),
+        at.point.candidates,
+        lambda fit: at.exchanged(fit)[0],
+        at.bias,
+        negligible,
+        start=found,
     )
 
 

@@ -150,12 +150,11 @@ def _at_the_pace_of_the_slower(
     return run, []
 
 
-def _at_knots(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+def _at_knots(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """The states between which rows were interpolated on straight lines.
 
     Where coordinates keep their rates over three rows while the speeds beside them change, the rows are on a
-    chord of the motion. Chords that follow each other meet in a state of the solver; that they do so in all
-    columns at one instant tells that nothing else lies between them.
+    chord of the motion.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
     if not pairs or _whole(run) or run.works or run.stages is not None:
@@ -169,44 +168,58 @@ def _at_knots(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[F
     straight = np.all(np.abs(bend) <= slack[1:-1], axis=1)
     q, u = np.array(pairs).T
     due = 0.25 * h[:-1, None] * np.abs(run.u[2:, u] - run.u[:-2, u])
-    chords = straight & np.any(due > 10.0 * slack[1:-1, q], axis=1)
+    chords = straight & np.any(due > CHORD * slack[1:-1, q], axis=1)
     if np.sum(chords) < max(SHORTEST_PART, NEGLIGIBLE * len(run)):
         return run, []
-    # Lines through the rows before and after an interval meet within it.
-    before, after, within = rates[:-2], rates[2:], h[1:-1]
-    apart, turn = x[2:-1] - after * within[:, None] - x[1:-2], before - after
-    weights = 1.0 / slack[1:-2]
-    turn_squared = np.sum((weights * turn) ** 2, axis=1) + 1e-300
-    later = np.sum(weights**2 * turn * apart, axis=1) / turn_squared
-    meet = np.all(np.abs(apart - later[:, None] * turn) <= CHORD * slack[1:-2], axis=1)
-    near = CHORD / np.sqrt(turn_squared)
-    meet &= (later >= -near) & (later <= within + near) & ~(straight[:-1] | straight[1:])
-    rows = np.flatnonzero(~straight[1:-1] & straight[:-2] & straight[2:]) + 2
-    k = np.concatenate([np.flatnonzero(meet) + 1, rows])
-    later = np.concatenate([later[meet], np.zeros(len(rows))])
-    if len(k) < SHORTEST_PART:
+    rows, later = _knots(t, x, slack, straight)
+    if len(rows) < SHORTEST_PART:
         return run, []
-    order = np.argsort(t[k] + later)
-    k, later = k[order], later[order]
-    weight = (later / h[k - 1])[:, None]
+    weight = (later / h[rows - 1])[:, None]
 
-    def moved(values: Array | None) -> Array | None:
-        """Columns on the line through the row and the one before."""
-        return None if values is None else values[k] + weight * (values[k] - values[k - 1])
+    def moved(values: Array) -> Array:
+        """Columns on the line through a row and the one before."""
+        return np.asarray(values[rows] + weight * (values[rows] - values[rows - 1]))
 
-    forces = {name: moved(values) for name, values in run.forces.items()}
     knots = replace(
-        run, t=t[k] + later, q=moved(run.q), u=moved(run.u), udot=moved(run.udot), forces=forces,
+        run,
+        t=t[rows] + later,
+        q=moved(run.q),
+        u=moved(run.u),
+        udot=None if run.udot is None else moved(run.udot),
+        forces={name: moved(values) for name, values in run.forces.items()},
         provenance=replace(run.provenance, step=None),
-    )  # fmt: skip
+    )
     return knots, [
         Finding(
             "interpolated-rows",
             "rows lie on straight lines between states of the solver",
-            f"{int(chords.sum())} of {len(run)} rows are on chords, which meet in {len(k)} states",
+            f"{int(chords.sum())} of {len(run)} rows are on chords, which meet in {len(rows)} states",
             "These were judged. Log the solver's own steps, or its interpolant",
         )
     ]
+
+
+def _knots(t: Array, x: Array, slack: Array, straight: Mask) -> tuple[NDArray[np.intp], Array]:
+    """The last rows (k,) before the states in which chords meet, and how much later these are (k,), s.
+
+    That the lines through two rows before and two rows after an interval meet within it, in all columns at
+    one instant, tells that nothing else lies between. Or a row is such a state itself.
+    """
+    h = np.diff(t)
+    rates = np.diff(x, axis=0) / h[:, None]
+    before, after, within = rates[:-2], rates[2:], h[1:-1]
+    apart, turn = x[2:-1] - after * within[:, None] - x[1:-2], before - after
+    weights = 1.0 / slack[1:-2]
+    size = np.sum((weights * turn) ** 2, axis=1) + 1e-300
+    later = np.sum(weights**2 * turn * apart, axis=1) / size
+    meet = np.all(np.abs(apart - later[:, None] * turn) <= CHORD * slack[1:-2], axis=1)
+    near = CHORD / np.sqrt(size)
+    meet &= (later >= -near) & (later <= within + near) & ~(straight[:-1] | straight[1:])
+    own = np.flatnonzero(~straight[1:-1] & straight[:-2] & straight[2:]) + 2
+    rows = np.concatenate([np.flatnonzero(meet) + 1, own])
+    later = np.concatenate([later[meet], np.zeros(len(own))])
+    order = np.argsort(t[rows] + later)
+    return rows[order], later[order]
 
 
 CHORD = 8.0

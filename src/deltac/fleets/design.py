@@ -15,22 +15,11 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
-from deltac.fleets.rows import SETTING
+from deltac.fleets.rows import AXIS_GROUPS, SETTING, Setting
 from deltac.fleets.spec import Range, SweepSpec, make_spec
 from deltac.foreign.files import read_bytes
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits, require_memory
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What the runs of an ensemble share; None is the model's own."""
-
-    model: str
-    solver: str | None
-    step: float | None
-    solver_tolerance: float | None
-    duration: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +37,6 @@ class Design:
 
     def __len__(self) -> int:
         return len(self.setting)
-
-
-AXIS_GROUPS = ("parameter", "q", "u")
 
 
 def lay_out(spec: SweepSpec) -> Design:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from deltac.arrays import max_norm
@@ -21,8 +21,23 @@ TEXT, NUMBER = "text", "number"
 FAILED = "failed"
 """The verdict of a row that could not be made: its code and message say why."""
 
-SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
+
+@dataclass(frozen=True)
+class Setting:
+    """What the runs of an ensemble share; None is the model's own."""
+
+    model: str
+    solver: str | None
+    step: float | None
+    solver_tolerance: float | None
+    duration: float | None
+
+
+SETTING = tuple(field.name for field in fields(Setting))
 """Columns that tell the setting of a run."""
+
+AXIS_GROUPS = ("parameter", "q", "u")
+"""What else varies: "parameter.m", "q.hip", "u.hip"."""
 
 POINT = ("log", "episode", "motion", *SETTING)
 
@@ -36,7 +51,7 @@ PIECES_A_WORKER = 4
 def is_point(column: str) -> bool:
     """Whether a column tells what a row is of: its log, its setting, the value of an axis."""
     group, dot, _ = column.partition(".")
-    return column in POINT or bool(dot) and group in ("parameter", "q", "u")
+    return column in POINT or bool(dot) and group in AXIS_GROUPS
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from deltac.arrays import Array, max_norm
 from deltac.errors import InputError
-from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
+from deltac.fleets.rows import NUMBER, SETTING, TEXT, Piece, Setting, failed_outcome
 from deltac.foreign.isolation import Failure
 from deltac.mechanism import Mechanism, State
 
@@ -52,35 +52,26 @@ RUN_OUTCOME: dict[str, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
-    """What the runs of a piece share.
+class Task(Setting):
+    """A setting whose runs can be made, every default written out.
 
-    label: the model's name in the table. `start`: where a run starts, but for what the axes say. `fixed` in
-    the mechanism already: parameters given once for all runs. Solver, step and duration are written out;
-    `solver_tolerance` is None for solvers with fixed steps, and for the default one.
+    `start`: where a run starts, but for what the axes say. The mechanism has the parameters that are the same
+    in all runs. `solver_tolerance` is None for solvers with fixed steps, and for the default one.
     """
 
+    solver: str
+    duration: float
+    axes: tuple[str, ...]
     verb: str
-    label: str
     mechanism: Mechanism
     start: State
-    solver: str
-    step: float | None
-    solver_tolerance: float | None
-    duration: float
     tolerance: float
-    axes: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class RefusedRun:
+class RefusedRun(Setting):
     """A setting whose runs cannot be made, since its model cannot be read, or lacks what is asked of it."""
 
-    label: str
-    solver: str | None
-    step: float | None
-    solver_tolerance: float | None
-    duration: float | None
     axes: tuple[str, ...]
     failure: Failure
 
@@ -115,20 +106,17 @@ class RunPiece(Piece):
 
     def about(self) -> dict[str, Any]:
         """Model, setting and axes of the first run."""
-        task = self.task
-        setting = {"model": task.label, "solver": task.solver, "step": task.step}
-        axes = dict(zip(task.axes, self.values[0].tolist()))
-        return {**setting, "solver_tolerance": task.solver_tolerance, **axes}
+        setting = {name: getattr(self.task, name) for name in SETTING if name != "duration"}
+        return {**setting, **dict(zip(self.task.axes, self.values[0].tolist()))}
 
     def point(self) -> dict[str, tuple[str, Any]]:
         """Setting and axes."""
-        task = self.task
-        text = {"model": task.label, "solver": task.solver}
-        numbers = {n: getattr(task, n) for n in ("step", "solver_tolerance", "duration")}
+        kinds = {name: TEXT if name in ("model", "solver") else NUMBER for name in SETTING}
         return {
-            **{name: (TEXT, [value] * self.rows) for name, value in text.items()},
-            **{name: (NUMBER, [value] * self.rows) for name, value in numbers.items()},
-            **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(task.axes)},
+            **{
+                name: (kind, [getattr(self.task, name)] * self.rows) for name, kind in kinds.items()
+            },
+            **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(self.task.axes)},
         }
 
 
@@ -322,7 +310,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
     """
     from deltac import study
-    from deltac.simulation import Adaptive, find_solver, solver_options
+    from deltac.simulation import Adaptive, find_solver, solver_options, three_steps
 
     task, (row,) = piece.task, piece.values
     assert isinstance(task, Task)
@@ -335,9 +323,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     solver = solver_options(task.solver, refined)
     steps = None
     if stepping and task.step is not None:
-        ratio = task.duration / (4.0 * task.step)
-        whole = abs(ratio - round(ratio)) < 1e-9 * ratio
-        steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]
+        steps = three_steps(task.duration, task.step)
     result = study(
         mechanism,
         State(task.start.t, Q[0], U[0]),

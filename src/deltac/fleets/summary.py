@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac.errors import InputError, UnknownName, closest
 from deltac.fleets.result import WORST_FIRST, Fleet, shown_cell
-from deltac.fleets.rows import FAILED
+from deltac.fleets.rows import AXIS_GROUPS, FAILED
 from deltac.report.files import check_page
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Grid, Page, Part, Tone
@@ -160,11 +160,10 @@ def _knob(row: Mapping[str, Any]) -> str:
 
 def axes_of(frame: polars.DataFrame) -> list[str]:
     """The axes that vary, those with most values first."""
-    groups = ("parameter", "q", "u")
     varied = [
         n
         for n in frame.columns
-        if (n.split(".")[0] in groups or n in ("step", "solver_tolerance"))
+        if (n.split(".")[0] in AXIS_GROUPS or n in ("step", "solver_tolerance"))
         and frame[n].n_unique() > 1
     ]
     return sorted(varied, key=lambda n: -frame[n].n_unique())

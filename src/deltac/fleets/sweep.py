@@ -16,10 +16,10 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, InputError, SpecificationError, check_names
-from deltac.fleets.design import Design, Setting, lay_out
+from deltac.fleets.design import Design, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import LONG_PIECE, PIECES_A_WORKER, Piece
+from deltac.fleets.rows import LONG_PIECE, PIECES_A_WORKER, SETTING, Piece, Setting
 from deltac.fleets.runs import RefusedRun, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
@@ -43,7 +43,7 @@ class SweepPlan(Plan):
 
     def head(self) -> dict[str, Any]:
         """The specification, and the digests of the models."""
-        models = {task.label: task.mechanism.hash for task in self.tasks if isinstance(task, Task)}
+        models = {task.model: task.mechanism.hash for task in self.tasks if isinstance(task, Task)}
         plan = self.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
         return {"plan": plan, "models": models}
 
@@ -115,9 +115,8 @@ def plan_sweep(
             tasks.append(_task(spec, setting, model, design.axes))
         except InputError as error:
             errors.append(error)
-            own = (setting.solver, setting.step, setting.solver_tolerance, setting.duration)
             failure = Failure(error.code, str(error))
-            tasks.append(RefusedRun(setting.model, *own, design.axes, failure))
+            tasks.append(RefusedRun(**asdict(setting), axes=design.axes, failure=failure))
     if errors and (len(loaded) == 1 or len(errors) == len(tasks)):
         raise errors[0]
     if spec.design.kind != "list":
@@ -139,13 +138,9 @@ def _distinct(
     design: Design, tasks: Sequence[Task | RefusedRun]
 ) -> tuple[Design, list[Task | RefusedRun]]:
     """Each setting once: to a solver without fixed steps, all steps that are varied are the same."""
-
-    def key(task: Task | RefusedRun) -> tuple[Any, ...]:
-        return (task.label, task.solver, task.step, task.solver_tolerance, task.duration)
-
     first: dict[tuple[Any, ...], int] = {}
     for k, task in enumerate(tasks):
-        first.setdefault(key(task), k)
+        first.setdefault(tuple(getattr(task, name) for name in SETTING), k)
     if len(first) == len(tasks):
         return design, list(tasks)
     settings = list(first.values())
@@ -249,7 +244,7 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
         whole_steps(duration, step, 1)
     return Task(
         verb=spec.verb,
-        label=setting.model,
+        model=setting.model,
         mechanism=mechanism,
         start=State(start.t, q, u),
         solver=solver.name,

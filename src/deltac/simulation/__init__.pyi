@@ -2,6 +2,7 @@
 
 from deltac.simulation.arguments import IllConditionedWarning as IllConditionedWarning
 from deltac.simulation.arguments import positive as positive
+from deltac.simulation.arguments import three_steps as three_steps
 from deltac.simulation.arguments import whole_steps as whole_steps
 from deltac.simulation.ensemble.ensemble import Ensemble as Ensemble
 from deltac.simulation.equations import Controller as Controller

@@ -240,6 +240,14 @@ def count(value: int, what: str) -> int:
     return int(value)
 
 
+def three_steps(duration: float, step: float) -> tuple[float, float, float]:
+    """Steps of a study, each half of the previous one: down to `step`, or from it where 4 h do not divide."""
+    coarsest = 4.0 * step
+    whole = abs(round(duration / coarsest) * coarsest - duration) < 1e-9 * duration
+    h = coarsest if whole else step
+    return (h, h / 2, h / 4)
+
+
 def whole_steps(duration: float, step: float | None, every: int) -> int:
     """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
     assert step is not None

@@ -52,7 +52,7 @@ from deltac.diagnosis.verdict import (
 )
 from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.simulation import Options, solver_options
+from deltac.simulation import Options, solver_options, three_steps
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -291,9 +291,7 @@ def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[
 def _default_steps(loaded: Model) -> tuple[float, ...]:
     if loaded.problem is None:
         raise ArgumentsError("give steps= (--steps), three or more, each half of the previous one")
-    h, duration = loaded.problem.step, loaded.problem.duration
-    coarser = abs(round(duration / (4 * h)) * 4 * h - duration) < 1e-9 * duration
-    return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)
+    return three_steps(loaded.problem.duration, loaded.problem.step)
 
 
 def _default_solver(loaded: Model) -> Options:

@@ -583,7 +583,7 @@ def suite() -> str:
 
 
 def _rk4() -> str:
-    from deltac.recorders.mujoco_recorder import integrator_names
+    from deltac.recorders import integrator_names
 
     return next(name for name in integrator_names() if name.lower() == "rk4")
 

@@ -726,7 +726,7 @@ def _recorded(
 
 
 def _integrator(name: str) -> str:
-    from deltac.recorders.mujoco_recorder import integrator_names
+    from deltac.recorders import integrator_names
 
     return next(known for known in integrator_names() if known.lower() == name.lower())
 

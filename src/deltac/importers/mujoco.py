@@ -27,6 +27,7 @@ from deltac.importers.names import (
     equality_names,
     geom_names,
     joint_names,
+    model_name,
     motor_strengths,
     tendon_names,
 )
@@ -409,8 +410,8 @@ def _counts(bodies: int, joints: Sequence[Any]) -> Remark:
 
 
 def _model_name(model: Any, source: str) -> str:
-    """The name the model gives itself, the first of its names."""
-    text = bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+    """The name the model gives itself."""
+    text = model_name(model)
     return text if text and text != "MuJoCo Model" else source
 
 

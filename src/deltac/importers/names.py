@@ -18,6 +18,11 @@ IN_MUJOCO = ("free", "spherical", "prismatic", "revolute")
 """Our kind of joint for each value of `mjtJoint`: free, ball, slide, hinge."""
 
 
+def model_name(model: Any) -> str:
+    """The model's own name, the first of all names; "" without one."""
+    return bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+
+
 def body_names(model: Any) -> list[str]:
     """All bodies, the world first: it is called ``ground``, as in every mechanism."""
     names = (model.body(i).name for i in range(1, model.nbody))

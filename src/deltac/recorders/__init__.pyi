@@ -8,10 +8,10 @@ from deltac.recorders.exudyn_recorder import ExudynRecorder as ExudynRecorder
 from deltac.recorders.exudyn_recorder import record_exudyn as record_exudyn
 from deltac.recorders.monitor import BoundExceeded as BoundExceeded
 from deltac.recorders.monitor import Monitor as Monitor
+from deltac.recorders.mujoco_forces import integrator_names as integrator_names
 from deltac.recorders.mujoco_monitor import MujocoMonitor as MujocoMonitor
 from deltac.recorders.mujoco_recorder import MujocoRecorder as MujocoRecorder
 from deltac.recorders.mujoco_recorder import MujocoSimulator as MujocoSimulator
-from deltac.recorders.mujoco_recorder import integrator_names as integrator_names
 from deltac.recorders.mujoco_recorder import mujoco_simulator as mujoco_simulator
 from deltac.recorders.mujoco_recorder import record_mujoco as record_mujoco
 from deltac.recorders.mujoco_recorder import run_mujoco as run_mujoco

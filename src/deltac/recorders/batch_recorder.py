@@ -10,8 +10,9 @@ import numpy as np
 from deltac.arrays import SAME_STEP, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
-from deltac.importers.names import coordinate_names, speed_names
-from deltac.recorders.mujoco_recorder import IMPLICIT_FORCE, MUJOCO_ORDERS, solver_name
+from deltac.importers.names import coordinate_names, model_name, speed_names
+from deltac.recorders.mujoco_forces import mass_times, solver_name
+from deltac.recorders.mujoco_recorder import IMPLICIT_FORCE, MUJOCO_ORDERS
 from deltac.recorders.recorder import HELD_FORCES, OCCASIONAL, Forces, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
@@ -140,7 +141,7 @@ class BatchRecorder:
                 solver=self._solver,
                 step=step,
                 order=MUJOCO_ORDERS.get(self._solver),
-                model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
+                model=model_name(model) or None,
                 stage=HELD_FORCES,
                 held=builder.channels,
                 inputs="held",
@@ -163,10 +164,8 @@ class BatchRecorder:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_makeM(model, data)
-        product = np.zeros(model.nv)
-        mujoco.mj_mulM(model, data, product, np.ascontiguousarray(a, dtype=np.float64))
         self._size_of_mass = max_norm(data.M)
-        return product
+        return mass_times(model, data, a)
 
     def _states(self, data: Batch) -> tuple[Array, Array, Array]:
         t = np.broadcast_to(_array(data.time), _array(data.qpos).shape[:1])

@@ -7,7 +7,7 @@ name of what it can only be. So the channels add up, whatever the plant contains
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -266,7 +266,7 @@ class DrakeRecorder(Recorder):
         plant, context = self._plant, self._plant.GetMyContextFromRoot(root)
         q, v = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
         vdot = np.array(plant.get_generalized_acceleration_output_port().Eval(context))
-        forces = {**self._actuators_of(context), **self._contacts(context)}
+        forces = self._outputs(context)
         plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
         applied, rest = self._known(vdot, v, forces)
         if max_norm(rest) > SAME * applied:
@@ -284,20 +284,18 @@ class DrakeRecorder(Recorder):
                 return  # a step of something else in the diagram
             if gone > 1.0 + 1e-6:
                 raise RecordingError(f"Drake's plant made {gone:g} steps at once at t = {t:g} s")
-            forces = self._live
-            if plant.has_sampled_output_ports():
-                forces = {**self._actuators_of(context), **self._contacts(context)}
+            forces = self._outputs(context) if plant.has_sampled_output_ports() else self._live
             before, q0, v0 = self._before[0], self._before[1], self._before[2]
             plant.SetPositionsAndVelocities(self._here, np.concatenate([q0, v0]))
             forces = dict(forces)
             if external.any():
                 forces["applied external"] = external
             applied, rest = self._known((v - v0) / h, v0, forces)
-            forces |= dict(self._of_the_step(rest, v - v0, applied))
+            forces |= self._of_the_step(rest, v - v0, applied)
             ours = {name: self._turned(f, q0) for name, f in forces.items()}
             self._step((before, *self._converted(q0, v0)), (t, *self._converted(q, v)), ours)
         if not plant.has_sampled_output_ports():
-            self._live = {**self._actuators_of(context), **self._contacts(context)}
+            self._live = self._outputs(context)
         self._before = (t, q, v)
 
     def _known(self, vdot: Array, v: Array, forces: Forces) -> tuple[float, Array]:
@@ -321,29 +319,24 @@ class DrakeRecorder(Recorder):
             forces["spring elements"] = elements
         return float(size), rest
 
-    def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
+    def _of_the_step(self, rest: Array, change: Array, size: float) -> Forces:
         """The residual force of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
         least = SAME * size
         implicit = np.zeros_like(rest)
-        if self._implicit:
-            for joint, place in self._dampers:
-                implicit[place] -= np.array(joint.GetDampingVector(self._here)) * change[place]
-            if max_norm(implicit) > least:
-                yield "correction implicit", implicit
-        residual = rest - implicit
-        for joint in self._columns.joints:
-            own = np.zeros_like(residual)
-            own[joint.v] = np.where(self._limited[joint.v], residual[joint.v], 0.0)
-            if max_norm(own) > least:
-                yield f"limit {joint.name}", own
-                residual = residual - own
+        for joint, place in self._dampers if self._implicit else ():
+            implicit[place] -= np.array(joint.GetDampingVector(self._here)) * change[place]
+        forces = self._columns.of_limits(rest - implicit, self._limited, least)
+        residual = rest - implicit - sum(forces.values())
+        if max_norm(implicit) > least:
+            forces["correction implicit"] = implicit
         largest = max_norm(residual)
         if self._plant.num_constraints() and largest > least:
-            yield "constraint all", residual
+            forces["constraint all"] = residual
         elif largest > ENGINE * size:
-            yield "applied external", residual
+            forces["applied external"] = residual
         elif largest > least:
-            yield "correction solver", residual
+            forces["correction solver"] = residual
+        return forces
 
     def _applied(self, context: Context) -> Array:
         """Of the step that ends now, what its port of generalized forces applied (nv,).
@@ -357,28 +350,24 @@ class DrakeRecorder(Recorder):
             self._external = np.array(port.Eval(context))
         return before if self._connected else self._external
 
-    def _actuators_of(self, context: Context) -> Forces:
-        if not self._actuators:
-            return {}
-        values = np.array(self._plant.get_net_actuation_output_port().Eval(context))
-        return {
-            f"actuator {name}": self._actuation[:, place] * values[place]
-            for name, place in self._actuators
-        }
-
-    def _contacts(self, context: Context) -> Forces:
+    def _outputs(self, context: Context) -> Forces:
+        """Actuators and contacts, as the plant's output ports have them."""
         from pydrake.multibody.tree import ModelInstanceIndex
 
-        plant = self._plant
+        plant, forces = self._plant, Forces()
+        if self._actuators:
+            values = np.array(plant.get_net_actuation_output_port().Eval(context))
+            for name, place in self._actuators:
+                forces[f"actuator {name}"] = self._actuation[:, place] * values[place]
         if not plant.geometry_source_is_registered() or not plant.num_collision_geometries():
-            return {}
+            return forces
         total = np.zeros(plant.num_velocities())
         for k in range(plant.num_model_instances()):
             index = ModelInstanceIndex(k)
             if plant.num_velocities(index):
                 port = plant.get_generalized_contact_forces_output_port(index)
                 plant.SetVelocitiesInArray(index, np.array(port.Eval(context)), total)
-        return {"contact all": total}
+        return {**forces, "contact all": total}
 
     # --- conventions: floating joints have the quaternion and the angular velocity first ------------
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from deltac.importers.names import (
     tendon_names,
 )
 from deltac.recorders.recorder import simulator
+
+if TYPE_CHECKING:
+    from mujoco import mjtIntegrator
 
 Model: TypeAlias = Any
 Data: TypeAlias = Any
@@ -154,18 +157,24 @@ def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array)
 def mass_times(model: Model, data: Data, acceleration: Array) -> Array:
     """M(q) a (nv,), with the mass matrix of the last forward pass."""
     product = np.zeros(model.nv)
-    _mujoco().mj_mulM(model, data, product, np.ascontiguousarray(acceleration))
+    _mujoco().mj_mulM(model, data, product, np.ascontiguousarray(acceleration, dtype=np.float64))
     return product
 
 
 def discrete(model: Model) -> bool:
     """Whether the integrator solves for the step itself, so that q̈ is (u_{k+1} − u_k)/h."""
-    return _integrator(model) == "DISCRETE"
+    return solver_name(model) == "discrete"
 
 
-def _integrator(model: Model) -> str:
-    integrators = _mujoco().mjtIntegrator
-    return str(integrators(model.opt.integrator).name).removeprefix("mjINT_")
+def integrator_names() -> dict[str, mjtIntegrator]:
+    """Name -> value of every integrator of the installed MuJoCo: euler, rk4, implicit, …."""
+    values = _mujoco().mjtIntegrator.__members__
+    return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
+
+
+def solver_name(model: Model) -> str:
+    """The name of a model's integrator."""
+    return next(n for n, v in integrator_names().items() if v == model.opt.integrator)
 
 
 # --- actuators and passive forces ----------------------------------------------------------------

@@ -22,15 +22,17 @@ from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import InputError, ModelError, RecordingError, StateError, WrongType, check_names
 from deltac.importers.mujoco import simulated_model
-from deltac.importers.names import coordinate_names, motor_strengths, speed_names
+from deltac.importers.names import coordinate_names, model_name, motor_strengths, speed_names
 from deltac.mechanism import State
 from deltac.recorders.mujoco_forces import (
     Elements,
     Forces,
     discrete,
     generalized_forces,
+    integrator_names,
     mass_times,
     plastic_state,
+    solver_name,
 )
 from deltac.recorders.recorder import OCCASIONAL, Recorder, StepSums, TrajectoryBuilder, simulator
 from deltac.simulation import positive
@@ -79,17 +81,6 @@ STAGES = {
 
 RK4 = ((0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
 """Of the second to fourth stage: how far it goes along the rates of the stage before, and its weight."""
-
-
-def integrator_names() -> dict[str, mjtIntegrator]:
-    """Name -> value of every integrator of the installed MuJoCo: euler, rk4, implicit, …."""
-    values = simulator("mujoco", "mujoco").mjtIntegrator.__members__
-    return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
-
-
-def solver_name(model: Model) -> str:
-    """The name of a model's integrator."""
-    return next(n for n, v in integrator_names().items() if v == model.opt.integrator)
 
 
 class MujocoRecorder(Recorder):
@@ -351,7 +342,7 @@ class MujocoRecorder(Recorder):
             simulator=f"MuJoCo {self._mujoco.mj_versionString()}",
             solver=solver,
             step=steps.pop() if len(steps) == 1 else None,
-            model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
+            model=model_name(model) or None,
             completed=not message,
             message=message,
             stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],

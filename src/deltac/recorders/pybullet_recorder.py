@@ -15,7 +15,7 @@ import numpy as np
 from deltac import rotations
 from deltac.arrays import SAME, Array, max_norm
 from deltac.calls.arguments import checked
-from deltac.errors import ModelError, RecordingError, UnknownName
+from deltac.errors import ModelError, RecordingError, check_names
 from deltac.models import ModelLike
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
@@ -96,7 +96,7 @@ class PybulletRecorder(Recorder):
             name = p.getBodyInfo(body, **self._of)[0].decode()
             joints.append(JointColumns(name, "free", slice(0, 7), slice(0, 6)))
         self._damping: dict[str, float] = {}
-        self._limited: list[str] = []
+        self._limited = [False] * self._free
         own = names or {}
         for j in range(p.getNumJoints(body, **self._of)):
             info = p.getJointInfo(body, j, **self._of)
@@ -120,8 +120,7 @@ class PybulletRecorder(Recorder):
             self._places.append(j)
             if info[6]:
                 self._damping[own.get(name, name)] = float(info[6])
-            if info[8] <= info[9]:
-                self._limited.append(own.get(name, name))
+            self._limited.append(info[8] <= info[9])
         self._columns = Columns.of(joints, model if monitor is None else monitor.mechanism, names)
         self._at = {joint.name: joint.v for joint in self._columns.joints}
         self._t = 0.0
@@ -143,11 +142,7 @@ class PybulletRecorder(Recorder):
         a = (after.v - before.v) / h
         total, size = self._total(before, a)
         forces: Forces = {}
-        for name in torques or {}:
-            if name not in self._at:
-                raise UnknownName(
-                    f"torques: the body has no joint {name!r}; it has {', '.join(self._at)}"
-                )
+        check_names(torques or {}, self._at, "torques: the body has no joint")
         for name, place in self._at.items():
             if place.stop - place.start > 1:
                 continue
@@ -241,18 +236,14 @@ class PybulletRecorder(Recorder):
         """Give what is left over the name of what it can be."""
         if max_norm(rest) <= least:
             return
-        p, body = self._p, self._body
-        if p.getContactPoints(bodyA=body, **self._of):
+        if self._p.getContactPoints(bodyA=self._body, **self._of):
             forces["contact all"] = rest
             return
-        for name in self._limited:
-            own = np.zeros_like(rest)
-            own[self._at[name]] = rest[self._at[name]]
-            if max_norm(own) > least:
-                forces[f"limit {name}"] = own
-                rest = rest - own
-        if max_norm(rest) > least:
-            forces["applied external"] = rest
+        limits = self._columns.of_limits(rest, np.array(self._limited), least)
+        forces |= limits
+        external = rest - sum(limits.values())
+        if max_norm(external) > least:
+            forces["applied external"] = external
 
     # --- conventions: the centre's motion in world components, to the link frame's ------------------
 

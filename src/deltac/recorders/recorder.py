@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import PHYSICAL, SAME, Array, max_norm
 from deltac.calls.arguments import checked
@@ -333,6 +334,16 @@ class Columns:
     def turned(self, v: Array, free: Callable[[Array, JointColumns], Array]) -> Array:
         """Velocities, accelerations or forces in our conventions; `free` turns those of free joints."""
         return self.joined(lambda j: free(v[j.v], j) if j.kind == "free" else v[j.v])
+
+    def of_limits(self, forces: Array, limited: NDArray[np.bool_], least: float) -> Forces:
+        """The forces along `limited` speeds, by joint, as ``limit <joint>``; none that is below `least`."""
+        parts: Forces = {}
+        for joint in self.joints:
+            part = np.zeros_like(forces)
+            part[joint.v] = np.where(limited[joint.v], forces[joint.v], 0.0)
+            if max_norm(part) > least:
+                parts[f"limit {joint.name}"] = part
+        return parts
 
     @property
     def coordinates(self) -> tuple[str, ...]:

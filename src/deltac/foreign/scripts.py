@@ -450,6 +450,11 @@ def _names(code: CodeType) -> tuple[set[str], set[str]]:
     return reads, binds
 
 
+def called(node: ast.Call) -> str:
+    """The last name of what is called: "sin" of np.sin(x)."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
 def base_name(node: ast.expr) -> str:
     """The name p in p.a["b"].c; empty for anything else."""
     while isinstance(node, ast.Attribute | ast.Subscript | ast.Starred):

@@ -162,7 +162,7 @@ def _caller(name: str, equations: Equations, target: Target) -> Caller:
     """A function as it is called, in its own form where one is found."""
     caller = Caller(equations.rhs, name, target.test().kane)
     with contextlib.suppress(InputError):  # the search says what cannot be called
-        caller.find_form(target.test(), equations, len(target.mechanism.motors))
+        caller.find_form(target.test(), equations)
     return caller
 
 

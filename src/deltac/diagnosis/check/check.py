@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ROOT_EPS, Array
+from deltac.arrays import ROOT_EPS, Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, no_progress
@@ -115,8 +115,7 @@ class EquationCheck(
     @property
     def worst(self) -> float:
         """The largest relative residual, of all equations at all states where it is finite."""
-        values = self.residuals.relative
-        return float(values[np.isfinite(values)].max(initial=0.0))
+        return max_norm(self.residuals.worst)
 
     @property
     def mechanism(self) -> str:
@@ -131,7 +130,7 @@ class EquationCheck(
     @property
     def relative_residual(self) -> dict[str, float]:
         """The largest relative residual of each equation, by speed."""
-        return dict(zip(self.test.speeds, finite_worst(self.residuals)))
+        return dict(zip(self.test.speeds, self.residuals.worst.tolist()))
 
     def summary(self) -> str:
         """Verdict, and the largest residual beside the tolerance."""
@@ -162,11 +161,6 @@ class EquationCheck(
             yield f"Also: {len(self.blame) - SHOWN} more equations."
         if self.example is not None:
             yield f"Example: {self.example}."
-
-
-def finite_worst(residuals: Residuals) -> list[float]:
-    """The largest relative residual of each equation, where it is finite."""
-    return [float(row[np.isfinite(row)].max(initial=0.0)) for row in residuals.relative]
 
 
 # --- `check_equations` ---------------------------------------------------------------------------
@@ -244,7 +238,7 @@ def check_equations(
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn)
     caller = Caller(own.rhs, own.name, kane)
-    caller.find_form(test, own, len(loaded.mechanism.motors))
+    caller.find_form(test, own)
     parts = Parts(progress, CHECK_SHARES)
     caller.refuse_memory(drawn)
     caller.progress = parts.part("function")
@@ -350,16 +344,16 @@ def _judged(
     the terms. `finite`: the accelerations are, at all states that were drawn.
     """
     residuals = test(udot)
-    worst = np.array(finite_worst(residuals))
+    worst = residuals.worst
     violated = float(residuals.violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
-    excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
+    excess = max(max_norm(worst / limit), violated / most, missed / most)
     kind: VerdictKind = "consistent"
     confidence: Confidence = "high" if most <= tolerance else "medium"
     if excess > 1.0:
         kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"
-    elif max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
+    elif max(max_norm(worst), violated) > tolerance or not finite:
         kind, confidence = "unresolved", "medium"
     results = _seen(residuals, limit, test.kane.rows.names if len(test.gamma) else ())
     if rates:
@@ -436,9 +430,10 @@ def _fitting(kane: Kane, states: States) -> States:
 
 def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> tuple[Seen, ...]:
     most = float(limit.max(initial=TOLERANCE))
-    worst = np.array(finite_worst(residuals))
     results = [
-        Seen("coordinate residual", float(worst.max(initial=0.0)), bool((worst > limit).any()))
+        Seen(
+            "coordinate residual", max_norm(residuals.worst), bool((residuals.worst > limit).any())
+        )
     ]
     for name in dict.fromkeys(constraints):
         rows = [k for k, owner in enumerate(constraints) if owner == name]
@@ -464,10 +459,9 @@ def _evidence(
     udot: Array,
     wrong: bool,
 ) -> tuple[str, ...]:
-    worst = float(max(finite_worst(residuals), default=0.0))
     evidence = [
-        f"F_r + F*_r is at most {fraction(worst)} of an equation's terms, at {len(test.states)} random "
-        f"states (accepted: {fraction(float(limit.max(initial=tolerance)))})"
+        f"F_r + F*_r is at most {fraction(max_norm(residuals.worst))} of an equation's terms, at "
+        f"{len(test.states)} random states (accepted: {fraction(float(limit.max(initial=tolerance)))})"
     ]
     ties = [s for s in results if s.test.startswith("constraint ")]
     if ties:
@@ -575,7 +569,7 @@ def _other_coordinates(
             states = _drawn(kane, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
             caller = Caller(equations.rhs, equations.name, kane)
-            caller.find_form(test, equations, len(model.mechanism.motors))
+            caller.find_form(test, equations)
             udot = caller(states)
             relative, residuals = test.relative(udot), test(udot)
         except InputError:

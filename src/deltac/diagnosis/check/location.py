@@ -69,7 +69,8 @@ class Blame(Serialisable):
             parts[0] += f", mostly from t = {self.span[0]:.4g} to {self.span[1]:.4g} s"
         if self.degrees:
             parts.append(
-                _POWERS.get(self.degrees) or f"of degree {_listed(self.degrees)} in the rates"
+                _POWERS.get(self.degrees)
+                or f"of degree {' and '.join(map(str, self.degrees))} in the rates"
             )
         if self.depends_on is not None and len(self.depends_on) <= 4:
             what = ", ".join(self.depends_on)
@@ -104,10 +105,6 @@ _POWERS: dict[tuple[int, ...], str] = {
     (1,): "linear in the rates",
     (2,): "quadratic in the rates",
 }
-
-
-def _listed(degrees: tuple[int, ...]) -> str:
-    return " and ".join(map(str, degrees))
 
 
 def blame(

@@ -44,6 +44,12 @@ class Residuals:
     momentum: Mapping[str, Array]
     violation: Array
 
+    @property
+    def worst(self) -> Array:
+        """The largest `relative` of each equation (n,), where it is finite."""
+        finite = np.where(np.isfinite(self.relative), self.relative, 0.0)
+        return np.asarray(finite.max(axis=1, initial=0.0))
+
 
 class EquationTest:
     """The equations of a mechanism at B states; call it with accelerations u̇ (n, B) of own speeds.

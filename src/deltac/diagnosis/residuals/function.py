@@ -66,9 +66,10 @@ class Caller:
     form: StateForm = PLAIN_FORM
     progress: Progress = no_progress
 
-    def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
+    def find_form(self, test: EquationTest, equations: Equations) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
         names = self.kane.user_names, test.states.speeds
+        motors = len(self.kane.mechanism.motors)
         parameters = signature(self.rhs)
         candidates = candidate_forms(parameters, equations.form, equations.order, *names, motors)
         if candidates == [PLAIN_FORM]:

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
+from deltac.foreign.scripts import called
 from deltac.repair.tracing.source import Source
 
 
@@ -138,11 +139,6 @@ def short(text: str, limit: int = 70) -> str:
     """A text on one line, its middle left out where it is long."""
     line = " ".join(text.split())
     return line if len(line) <= limit else f"{line[: limit // 2]} … {line[-limit // 2 + 3 :]}"
-
-
-def called(node: ast.Call) -> str:
-    """The last name of what is called: "sin" of np.sin(x)."""
-    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
 def family(text: str) -> str:

@@ -117,7 +117,7 @@ class Requirements:
         def residual(x: Array) -> Array:
             if scaled:
                 return program.residual(_scaled(program, place, x))
-            return program.residual(values={slot: x})
+            return program.residual({slot: TapeChange.to(x)})
 
         def nearest(slope: Array, r: Array) -> Array:
             """The step that makes r smallest, by least squares over what the unknown is common to."""
@@ -150,7 +150,7 @@ class Requirements:
         if straight and not solved.all():
             return False
         if not straight:
-            x, solved = self._divided(residual, nearest, rows, start)
+            x, solved = _divided(residual, nearest, rows, start)
             straight = bool(solved.all())
         if not straight:
             x, solved = _newton(residual, nearest, rows, start, size, common)
@@ -167,20 +167,17 @@ class Requirements:
             place, slot, start, x, weight, tuple(map(bool, rows)), sufficient, unique
         )
 
-    def _divided(
-        self,
-        residual: Residual,
-        nearest: Callable[[Array, Array], Array],
-        rows: Flags,
-        start: Array,
-    ) -> tuple[Array, Flags]:
-        """The same where the equations are linear in 1/x, as in a divisor: one step again."""
-        y = 1.0 / np.where(start == 0.0, 1.0, start)
-        h = 1e-4 * np.abs(y)
-        before = residual(1.0 / y)[rows]
-        y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
-        x = 1.0 / y
-        return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
+
+def _divided(
+    residual: Residual, nearest: Callable[[Array, Array], Array], rows: Flags, start: Array
+) -> tuple[Array, Flags]:
+    """Roots where the equations are linear in 1/x, as in a divisor: one step."""
+    y = 1.0 / np.where(start == 0.0, 1.0, start)
+    h = 1e-4 * np.abs(y)
+    before = residual(1.0 / y)[rows]
+    y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
+    x = 1.0 / y
+    return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
 
 
 def sizes(value: Array) -> Array:
@@ -200,7 +197,7 @@ def _scaled(program: Program, place: int, factor: Array) -> dict[int, TapeChange
     def times(k: int) -> TapeChange:
         operation, value = tape.operations[k], tape.values[k]
         if operation is None:
-            return TapeChange(lambda: value * factor, ())
+            return TapeChange.to(value * factor)
         return TapeChange(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
 
     return {k: times(k) for k in _slots(program, place)}

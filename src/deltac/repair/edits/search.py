@@ -6,7 +6,6 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -249,7 +248,7 @@ def _row_closings(search: EditSearch) -> list[FirstEdit]:
             break
         r = search.requirements.closing(place, row)
         if r is not None:
-            changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
+            changes = {r.slot: TapeChange.to(r.required)}
             effect = program.residual(changes) - program.original_residual
             terms = insertions(program, r, search.vocabulary)
             candidates = list(terms) or sums(program, r, search.vocabulary)
@@ -299,7 +298,7 @@ def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
         value = program.values(slot)
         with np.errstate(all="ignore"):
             step = 1e-4 * sizes(value)
-            slope = (program.residual(values={slot: value + step}) - base) / step
+            slope = (program.residual({slot: TapeChange.to(value + step)}) - base) / step
             length = np.sqrt(np.sum(slope**2, axis=0))
         if np.isfinite(length).all() and length.max() > 0.0:
             places.append(place)

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from functools import partial
 from typing import TypeAlias
 
+from deltac.foreign.scripts import called
 from deltac.repair.edits.candidates import (
     EditCandidate,
-    called,
     family,
     functions_used,
     negated,
@@ -156,25 +156,25 @@ def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
 def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
     """Another operator, operands exchanged, one of them left out."""
     edit = partial(EditCandidate, source, place)
-    left, right = (short(source.segment(part)) for part in (node.left, node.right))
+    first, second = (short(source.segment(part)) for part in (node.left, node.right))
     own, symbol = short(source.segment(node)), _symbol(node.op)
     if isinstance(node.op, ast.MatMult):
         words = f"{own}: the factors should be exchanged"
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.1, words)
     if not symbol:
         return
-    for op, kind, words in _other_operators(node.op, own, right):
+    for op, kind, words in _other_operators(node.op, own, second):
         if not isinstance(op, ast.Pow) or isinstance(node.right, ast.Constant):
             yield edit(ast.BinOp(node.left, op, node.right), kind, 1.0, words)
     if symbol in "-/":
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
     part = "term" if symbol in SIGNS else "factor"
     noun = "exponent" if symbol == "**" else part
-    yield edit(node.left, part, 1.3, f"the {noun} {right} should not be there")
+    yield edit(node.left, part, 1.3, f"the {noun} {second} should not be there")
     if symbol == "-":
-        yield edit(negated(node.right), part, 1.4, f"the term {left} should not be there")
+        yield edit(negated(node.right), part, 1.4, f"the term {first} should not be there")
     if symbol != "**":
-        yield edit(node.right, part, 1.3, f"the {noun} {left} should not be there")
+        yield edit(node.right, part, 1.3, f"the {noun} {first} should not be there")
 
 
 def _updates(source: Source, place: int, node: ast.AugAssign) -> Edits:

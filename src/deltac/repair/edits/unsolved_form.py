@@ -11,7 +11,6 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -37,14 +36,10 @@ class UnsolvedForm(Program):
 
     solves = True
 
-    def system(
-        self,
-        changes: Mapping[int, TapeChange] | None = None,
-        values: Mapping[int, Any] | None = None,
-    ) -> tuple[Array, Array]:
+    def system(self, changes: Mapping[int, TapeChange] | None = None) -> tuple[Array, Array]:
         """M (B, n, n), not a number where M⁻¹ is singular, and f (n, B)."""
-        f = self.tape.run(self.forces, changes, values)
-        inverse = np.moveaxis(_slopes(self, self.forces, changes, values), -1, 0)
+        f = self.tape.run(self.forces, changes)
+        inverse = np.moveaxis(_slopes(self, self.forces, changes), -1, 0)
         bad = np.asarray(~np.isfinite(inverse).all(axis=(1, 2)))
         with np.errstate(all="ignore"):
             bad |= np.linalg.det(np.where(bad[:, None, None], 0.0, inverse)) == 0.0
@@ -74,16 +69,11 @@ def _slopes(
     program: Program,
     forces: tuple[int, ...],
     changes: Mapping[int, TapeChange] | None = None,
-    values: Mapping[int, Any] | None = None,
 ) -> Array:
     """What the results are (n, n, B) with one of the forces 1, the others 0, in turn."""
-    run = [
-        program.run(changes, {**(values or {}), **{k: float(k == one) for k in forces}})[
-            : len(forces)
-        ]
-        for one in forces
-    ]
-    return np.stack(run, axis=1)
+    units = ({k: TapeChange.to(float(k == one)) for k in forces} for one in forces)
+    runs = [program.run({**(changes or {}), **unit})[: len(forces)] for unit in units]
+    return np.stack(runs, axis=1)
 
 
 def _forces(program: Program) -> Iterator[tuple[int, ...]]:
@@ -101,7 +91,7 @@ def _forces(program: Program) -> Iterator[tuple[int, ...]]:
         if np.ndim(tape.values[k]) > 1:  # the solution of linear equations, no number
             continue
         x = np.broadcast_to(tape.values[k], program.samples.t.shape)
-        none, twice = (program.run(values={k: factor * x})[:n] for factor in (0.0, 2.0))
+        none, twice = (program.run({k: TapeChange.to(factor * x)})[:n] for factor in (0.0, 2.0))
         part = base - none
         straight = np.abs(twice - base - part).max() <= LINEAR * size
         if straight and np.abs(part).max() > LINEAR * size:

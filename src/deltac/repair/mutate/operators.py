@@ -15,6 +15,7 @@ import random
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
+from deltac.foreign.scripts import called
 from deltac.repair.tracing.source import Source
 from deltac.results import Serialisable
 
@@ -175,7 +176,7 @@ def _known(module: ast.Module, scope: ast.stmt) -> dict[str, int]:
         if isinstance(n, ast.Subscript) and isinstance(n.value, ast.Name)
     }
     for statement in bodies:
-        if isinstance(statement.value, ast.Call) and _called(statement.value) in ("array", "zeros"):
+        if isinstance(statement.value, ast.Call) and called(statement.value) in ("array", "zeros"):
             continue
         for element in statement.targets:
             for n in ast.walk(element):
@@ -273,12 +274,8 @@ def _other_constants(value: float) -> list[float]:
     return [c for c in dict.fromkeys(others) if c not in (value, 0)]
 
 
-def _called(node: ast.Call) -> str:
-    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-
-
 def _called_otherwise(node: ast.Call) -> Iterator[tuple[str, ast.AST]]:
-    name = _called(node)
+    name = called(node)
     for family in _RELATED:
         if name not in family or len(node.args) != 1:
             continue

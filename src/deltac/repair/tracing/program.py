@@ -42,52 +42,40 @@ class Program:
         """The operations."""
         return self.trace.tape
 
-    def run(
-        self,
-        changes: Mapping[int, TapeChange] | None = None,
-        values: Mapping[int, Any] | None = None,
-    ) -> Array:
-        """Accelerations (n, B) with some operations changed, or slots given other values.
+    def run(self, changes: Mapping[int, TapeChange] | None = None) -> Array:
+        """Accelerations (n, B) with some operations changed.
 
         Then q̇ (nq, B), where the function returns it.
         """
-        return self.tape.run(self.outputs, changes, values)
+        return self.tape.run(self.outputs, changes)
 
     @property
     def outputs(self) -> tuple[int, ...]:
         """Slots of the accelerations, then of the rates q̇."""
         return (*self.trace.outputs, *self.trace.rates)
 
-    def residual(
-        self,
-        changes: Mapping[int, TapeChange] | None = None,
-        values: Mapping[int, Any] | None = None,
-    ) -> Array:
+    def residual(self, changes: Mapping[int, TapeChange] | None = None) -> Array:
         """How far the equations are from the model (n, B), 1 being the size of an equation's terms.
 
         Where the function ends with solving A u̇ = b, it is A u̇ − b at the model's accelerations: linear in
         every entry of A and b, and each mistake stays in its own row. Else the residual of its results.
         """
         if not self.solves:
-            return self.samples.residual(self.run(changes, values))
-        A, b = self.system(changes, values)
+            return self.samples.residual(self.run(changes))
+        A, b = self.system(changes)
         with np.errstate(all="ignore"):
             residual = np.einsum("bij,jb->ib", A, self.samples.acceleration) - b
             residual /= self._rows[:, None]
         if not self.trace.rates:
             return np.asarray(residual)
-        rates = self.tape.run(self.trace.rates, changes, values)
+        rates = self.tape.run(self.trace.rates, changes)
         return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
 
-    def system(
-        self,
-        changes: Mapping[int, TapeChange] | None = None,
-        values: Mapping[int, Any] | None = None,
-    ) -> tuple[Array, Array]:
+    def system(self, changes: Mapping[int, TapeChange] | None = None) -> tuple[Array, Array]:
         """A (B, n, n) and b (n, B), where what is returned is the solution of A u̇ = b."""
         assert self._system is not None
         n = len(self.samples.acceleration)
-        entries = self.tape.run(self._system, changes, values)
+        entries = self.tape.run(self._system, changes)
         return np.moveaxis(entries[: n * n].reshape(n, n, -1), -1, 0), entries[n * n :]
 
     @cached_property

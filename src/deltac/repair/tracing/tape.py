@@ -8,8 +8,9 @@ from it is computed again.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -44,6 +45,11 @@ class TapeChange:
 
     operation: Operation
     inputs: tuple[int, ...]
+
+    @staticmethod
+    def to(value: Any) -> TapeChange:
+        """Another value (B,) or number in place of what is computed."""
+        return TapeChange(partial(np.asarray, value), ())
 
 
 @dataclass(frozen=True)
@@ -245,25 +251,20 @@ class Tape:
             self._before[outputs] = frozenset(slots)
         return self._before[outputs]
 
-    def run(
-        self,
-        outputs: Sequence[int],
-        changes: Mapping[int, TapeChange] | None = None,
-        values: Mapping[int, Any] | None = None,
-    ) -> Array:
-        """The outputs (n, B) with some operations changed and some slots given other values."""
-        changes, values = changes or {}, values or {}
-        again = {*changes, *values}
-        for k in tuple(again):
-            again.update(self.after(k))
-        again &= self.before(tuple(outputs))
+    def run(self, outputs: Sequence[int], changes: Mapping[int, TapeChange] | None = None) -> Array:
+        """The outputs (n, B) with some operations changed."""
+        new = self._recomputed(changes or {}, self.before(tuple(outputs)))
+        return stacked([new[k] if k in new else self.values[k] for k in outputs], self.width)
+
+    def _recomputed(
+        self, changes: Mapping[int, TapeChange], needed: Iterable[int]
+    ) -> dict[int, Any]:
+        """The values of those slots that some operations, changed, act on, as far as they are `needed`."""
+        again = set(changes).union(*map(self.after, changes)).intersection(needed)
         new: dict[int, Any] = {}
         old, operations, inputs = self.values, self.operations, self.inputs
         with np.errstate(all="ignore"):
             for k in sorted(again):
-                if k in values:
-                    new[k] = values[k]
-                    continue
                 change = changes.get(k)
                 slots = inputs[k] if change is None else change.inputs
                 operation = operations[k] if change is None else change.operation
@@ -271,26 +272,18 @@ class Tape:
                     new[k] = old[k]
                     continue
                 new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
-        return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
+        return new
 
     def changed(self, changes: Mapping[int, TapeChange]) -> Tape:
         """A tape on which some operations are changed."""
+        new = self._recomputed(changes, range(len(self)))
         values, operations, inputs = list(self.values), list(self.operations), list(self.inputs)
-        again = set(changes)
-        for k in changes:
-            operations[k], inputs[k] = changes[k].operation, changes[k].inputs
-            again.update(self.after(k))
-        with np.errstate(all="ignore"):
-            for k in sorted(again):
-                operation = operations[k]
-                if operation is not None:
-                    values[k] = operation(*(values[i] for i in inputs[k]))
-        exact = [None if k in again else number for k, number in enumerate(self.exact)]
-        varying = list(self.varying)
-        for k in sorted(again):
-            varying[k] = (
-                any(varying[i] for i in inputs[k]) if inputs[k] else np.ptp(values[k]) > 0.0
-            )
+        exact, varying = list(self.exact), list(self.varying)
+        for k, change in changes.items():
+            operations[k], inputs[k] = change.operation, change.inputs
+        for k, value in new.items():
+            values[k], exact[k] = value, None
+            varying[k] = any(varying[i] for i in inputs[k]) if inputs[k] else np.ptp(value) > 0.0
         return replace(
             self, operations=operations, inputs=inputs, values=values, exact=exact, varying=varying,
             _known={}, _after={}, _before={},

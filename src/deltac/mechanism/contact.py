@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -12,7 +14,7 @@ from deltac.mechanism.parts import Constant, NonNegative, Positive, constructor
 from deltac.mechanism.quantities import Quantity, is_zero
 from deltac.mechanism.scene import Element, Expr, Load, Scene
 from deltac.mechanism.scope import Scope
-from deltac.mechanism.shapes import Shape, check_pair
+from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere, check_pair
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
 """Models of the dissipation in compliant contact."""
@@ -106,6 +108,16 @@ class Contact(Element):
         if self.friction is not None:
             source = self.allow_energy_source
             self.friction.check(scope, self.where, scope.constants, source=source)
+
+    def thickness(self, number: Callable[[Quantity], float]) -> float:
+        """The smallest dimension of the two shapes (m); points and half-spaces have none."""
+        sizes = [math.inf]
+        for shape in (self.first, self.second):
+            if isinstance(shape, Sphere | Capsule):
+                sizes.append(2.0 * number(shape.radius) or math.inf)
+            elif isinstance(shape, Box):
+                sizes += map(number, shape.size)
+        return min(sizes)
 
     def channels(self, scene: Scene) -> list[Channel]:
         """Elastic forces, dissipation and friction at every contact point of the two shapes."""

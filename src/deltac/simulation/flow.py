@@ -103,8 +103,8 @@ def keeping(constraints: str | Keeping) -> Keeping:
 class StateFlow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
-    Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
-    accelerations of a hand-written function that could not be traced (else empty), which takes the
+    Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and the
+    `accelerations` of a hand-written function that could not be traced (else empty), which takes the
     coordinates `user_q` if these are not those of x. `q_size`, `u_size`
     divide x; `works`, then `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the
     `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
@@ -129,7 +129,7 @@ class StateFlow(Once):
     t: SX
     x: SX
     inputs: SX
-    given: SX
+    accelerations: SX
     p: SX
     xdot: SX
     q_size: int
@@ -157,7 +157,7 @@ class StateFlow(Once):
     @cached_property
     def traced(self) -> bool:
         """Whether ẋ is known in symbols entirely, so that steps can be compiled."""
-        return bool(self.given.shape[0] == 0)
+        return bool(self.accelerations.shape[0] == 0)
 
     @cached_property
     def driven(self) -> bool:
@@ -232,7 +232,7 @@ class StateFlow(Once):
         return Kernel({n: c for n, c in inputs.items() if c.shape[0]}, outputs, name=name)
 
     def normalised(self, x: SX) -> SX:
-        """The state with its quaternions brought back to unit length."""
+        """The state, or its coordinates, with quaternions brought back to unit length."""
         result = ca.SX(x)
         for place in self.quaternions:
             result[place] = x[place] / ca.sqrt(ca.dot(x[place], x[place]))
@@ -303,7 +303,7 @@ def build_flow(
         own, q, u, qdot = state.own, state.q, state.u, state.qdot
         own_q = None if state.user_q is q else state.user_q
         if written.udot is None:
-            rates = ca.SX.sym("given", u.shape[0])
+            rates = ca.SX.sym("accelerations", u.shape[0])
         udot = rates if written.udot is None else written.udot
         udot_all = ca.SX(system.udot_all)
         reactions = reactions_from(system, udot_all, parts, bound)
@@ -366,7 +366,7 @@ def build_flow(
         t=system.t,
         x=x,
         inputs=system.inputs,
-        given=rates,
+        accelerations=rates,
         p=system.p,
         xdot=ca.vertcat(qdot, udot, outputs["P"]),
         q_size=q.shape[0],

@@ -67,7 +67,7 @@ RECORD = Record()
 
 def observer(flow: StateFlow) -> Kernel:
     """What is recorded of a state: q, u, u̇ of all joints and the driving forces."""
-    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "given": flow.given}
+    inputs = {"t": flow.t, "x": flow.x, "inputs": flow.inputs, "accelerations": flow.accelerations}
     return Kernel(
         {name: column for name, column in inputs.items() if column.shape[0]},
         {
@@ -92,9 +92,11 @@ def observed(flow: StateFlow, observe: Kernel, motion: Motion, p: Array) -> dict
         arrays["x"] = motion.x
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
-    if flow.given.shape[0]:
+    if flow.accelerations.shape[0]:
         values = np.broadcast_to(p, (len(motion.t), p.shape[-1]))
-        arrays["given"] = np.array([flow.by_hand(*at) for at in zip(motion.t, motion.x, values)])
+        arrays["accelerations"] = np.array(
+            [flow.by_hand(*at) for at in zip(motion.t, motion.x, values)]
+        )
     return observe(parameters=p, **arrays)
 
 

@@ -32,7 +32,6 @@ from deltac.mechanism.contact import Contact
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
@@ -372,7 +371,9 @@ def _places(kane: Kane) -> Iterator[Place]:
                 kane, f"friction {element.name!r}", slip, None, _scales(mechanism, element.friction)
             )
         elif isinstance(element, Contact):
-            rubbing, depth = element.friction, _depth(mechanism, element)
+            rubbing, depth = element.friction, ROUGHLY * element.thickness(mechanism.number)
+            if not np.isfinite(depth):
+                depth = 1e-3
             scales = {} if rubbing is None else _scales(mechanism, rubbing)
             for gap in gaps(s, element.first, element.second):
                 slip = nothing if rubbing is None else _slip(gap)
@@ -389,16 +390,6 @@ def _scales(mechanism: Mechanism, law: FrictionLaw) -> dict[str, float]:
 def _slip(gap: Gap) -> SX:
     velocity = gap.relative_velocity
     return velocity - ca.dot(gap.n, velocity) * gap.n
-
-
-def _depth(mechanism: Mechanism, element: Contact) -> float:
-    def thickness(shape: Shape) -> float:
-        if isinstance(shape, Sphere | Capsule):
-            return 2.0 * mechanism.number(shape.radius) or np.inf
-        return min(map(mechanism.number, shape.size)) if isinstance(shape, Box) else np.inf
-
-    least = ROUGHLY * min(thickness(element.first), thickness(element.second))
-    return float(least) if np.isfinite(least) else 1e-3
 
 
 # --- states ------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 
 from deltac.calls.caching import derived
-from deltac.dynamics.equations_of_motion import equations_of, quaternions
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.spatial import SX
 from deltac.simulation.constraints.singular import DEPENDENT
 from deltac.simulation.flow import StateFlow
@@ -54,9 +54,9 @@ def projection(flow: StateFlow) -> Any:
     )
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
     dq, pivot = first(flow.t, q, flow.p)
-    near = _unit(flow, q + dq)
+    near = flow.normalised(q + dq)
     dq, du, later = second(flow.t, near, u, flow.p)
-    moved = ca.vertcat(_unit(flow, near + dq), u + du, z)
+    moved = ca.vertcat(flow.normalised(near + dq), u + du, z)
     change = flow.energy(flow.t, moved, flow.p) - flow.energy(flow.t, flow.x, flow.p)
     moved[z_part] = z + flow.booked(change)
     return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
@@ -75,10 +75,3 @@ def smallest_pivot(flow: StateFlow) -> SX:
     if flow.own is not None:  # the solver's state holds the user's own coordinates
         pivot = ca.substitute(pivot, flow.system.q, flow.own.q)
     return pivot
-
-
-def _unit(flow: StateFlow, q: SX) -> SX:
-    result = ca.SX(q)
-    for place in quaternions(flow.system.mechanism):
-        result[place] = q[place] / ca.sqrt(ca.dot(q[place], q[place]))
-    return result

@@ -16,7 +16,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
-from deltac.dynamics.equations_of_motion import equations_of, quaternions
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.simulation.flow import StateFlow, constraint_forces
@@ -151,7 +151,7 @@ class CarefulStep:
         try:
             with np.errstate(all="ignore"):
                 after = self._step(self._motion.rate, t, x, h, self._flow.parts)
-                for place in quaternions(self._flow.system.mechanism):
+                for place in self._flow.quaternions:
                     after[place] /= np.linalg.norm(after[place])
                 return self._motion.projected(t + h, after) if self._flow.projecting else after
         except np.linalg.LinAlgError:

@@ -173,7 +173,11 @@ def simulate_ensemble(
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])
-    flow = _flow(mechanism, tuple(recording.testing), tuple(names), rows)
+    testing = tuple(recording.testing)
+    flow = _FLOWS.get(
+        (mechanism.digest(names), testing, tuple(names), rows),
+        lambda: build_flow(mechanism, testing, vary=names, rows=rows, works=False),
+    )
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))
     q_part, u_part, _ = flow.parts
@@ -237,16 +241,7 @@ class _Telling:
 
 
 _FLOWS: LRUCache[StateFlow] = LRUCache(16)
-
-
-def _flow(
-    mechanism: Mechanism, testing: tuple[str, ...], vary: tuple[str, ...], rows: tuple[int, ...]
-) -> StateFlow:
-    """The traced flow, shared by ensembles that differ in values alone."""
-    return _FLOWS.get(
-        (mechanism.digest(vary), testing, vary, rows),
-        lambda: build_flow(mechanism, testing, vary=vary, rows=rows, works=False),
-    )
+"""Traced flows, shared by ensembles that differ in values alone."""
 
 
 @derived

@@ -29,7 +29,7 @@ def member_count(**sizes: int) -> int:
     if len(set(sizes.values()) - {1}) > 1:
         counts = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
         raise InputError(f"members differ in number: {counts}; expected one number N, or 1")
-    return max(sizes.values())
+    return max(sizes.values(), default=1)
 
 
 def repeated(values: Array, members: int, axis: int) -> Array:
@@ -109,10 +109,7 @@ def member_parameters(
                 f"vary: the values of {name!r} are {numbers!r}; expected finite numbers, an array (N,)"
             )
         columns.append(values)
-    if len({len(c) for c in columns} - {1}) > 1:
-        sizes = {name: len(c) for name, c in zip(names, columns)}
-        raise InputError(f"vary: the parameters differ in their number of members: {sizes}")
-    count = max((len(c) for c in columns), default=1)
+    count = member_count(**{f"parameter {name}": len(c) for name, c in zip(names, columns)})
     table = np.array([np.broadcast_to(c, count) for c in columns]).reshape(len(names), count)
     _check_extremes(mechanism, names, table)
     return mechanism, names, table

@@ -30,7 +30,7 @@ def switched(flow: StateFlow) -> tuple[StateFlow, SX, tuple[str, ...]]:
         "driving": flow.driving,
         **{str(name): force for name, force in flow.reactions.items()},
     }
-    inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
+    inputs = [flow.t, flow.x, flow.inputs, flow.accelerations, flow.p]
     locked, sides = _locked(inputs, list(outputs.values()), ca.vertcat(flow.t, flow.x))
     replaced = dict(zip(outputs, locked))
     functions = ca.vertcat(ca.SX(0, 1), *sides.functions)
@@ -129,7 +129,7 @@ def _names(flow: StateFlow, sides: _Sides) -> tuple[str, ...]:
     targets = values(sides)
     names = ["equations"] * count
     if flow.own is None:
-        inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
+        inputs = [flow.t, flow.x, flow.inputs, flow.accelerations, flow.p]
         for part in channels(flow.system):
             _, own = _locked(inputs, [part.force], ca.vertcat(flow.t, flow.x))
             for value in values(own) if own.functions else ():

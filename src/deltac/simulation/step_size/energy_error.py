@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, ROUGHLY, Array
+from deltac.arrays import EPS, PHYSICAL, ROUGHLY, Array, max_norm
 from deltac.errors import warn_user
 from deltac.mechanism.channels import BOOKED
 from deltac.simulation.flow import StateFlow
@@ -51,25 +51,16 @@ class EnergyError:
     @cached_property
     def largest(self) -> float:
         """The largest |ΔC|, with what corrections did besides, J; zero where it is rounding."""
-        size = float(self._sizes.max())
-        return size if size > self._rounding else 0.0
-
-    @property
-    def _rounding(self) -> float:
-        above, below = float(self.potential.max()), float(self.potential.min())
-        return EPS * len(self.kinetic) * (self.total + max(above, -below))
+        return float(self.error.max())
 
     @cached_property
     def error(self) -> Array:
         """The same row by row (T,), J."""
-        return np.where(self._sizes > self._rounding, self._sizes, 0.0)
-
-    @cached_property
-    def _sizes(self) -> Array:
-        """The same with rounding."""
-        size = np.abs(self.delta_c)
-        largest = size[:, 0] if size.shape[1] == 1 else size.max(axis=1)
-        return largest if self.corrected is None else largest + np.abs(self.corrected)
+        size = np.abs(self.delta_c).max(axis=1)
+        if self.corrected is not None:
+            size = size + np.abs(self.corrected)
+        rounding = EPS * len(self.kinetic) * (self.total + max_norm(self.potential))
+        return np.where(size > rounding, size, 0.0)
 
     @cached_property
     def scale(self) -> Array:

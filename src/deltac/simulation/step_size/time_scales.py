@@ -27,7 +27,6 @@ from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import StiffStepWarning, longest_step, remedy
@@ -243,11 +242,11 @@ def _inverse(mobility: float) -> float:
 def _check_overlaps(mechanism: Mechanism, state: State) -> None:
     """InputError for a start at which a contact's shapes overlap more than it allows."""
     touches, _ = _touches(mechanism, state)
-    for element in mechanism.elements:
-        if not isinstance(element, Contact):
-            continue
+    for element in (e for e in mechanism.elements if isinstance(e, Contact)):
         worst = min(touches[element.name], key=lambda touch: touch.gap)
-        allowed = _deepest(mechanism, element)
+        allowed = 0.1 * element.thickness(mechanism.number)
+        if element.deepest is not None:
+            allowed = mechanism.number(element.deepest)
         if -worst.gap > allowed:
             pair = f"{element.first.body!r} and {element.second.body!r}"
             at = f" ({worst.label})" if worst.label else ""
@@ -256,20 +255,3 @@ def _check_overlaps(mechanism: Mechanism, state: State) -> None:
                 f"{-worst.gap:.4g} m{at}, more than {allowed:.4g} m; move them apart, or write "
                 f"contact(..., deepest={-worst.gap * 1.01:.2g}) if that is meant"
             )
-
-
-def _deepest(mechanism: Mechanism, element: Contact) -> float:
-    if element.deepest is not None:
-        return mechanism.number(element.deepest)
-    sizes = [_thickness(mechanism, shape) for shape in (element.first, element.second)]
-    return 0.1 * min(sizes)
-
-
-def _thickness(mechanism: Mechanism, shape: Shape) -> float:
-    """The smallest dimension of a shape; of a point and of a half-space there is none."""
-    match shape:
-        case Sphere() | Capsule():
-            return 2.0 * mechanism.number(shape.radius) or math.inf
-        case Box():
-            return min(mechanism.number(size) for size in shape.size)
-    return math.inf

@@ -88,7 +88,7 @@ class Finish:
 def _rate_kernels(flow: StateFlow) -> tuple[Kernel, Kernel]:
     """ẋ, and the full state that a controller sees."""
     values = {"t": flow.t, "x": flow.x}
-    extra = {"inputs": flow.inputs, "given": flow.given}
+    extra = {"inputs": flow.inputs, "accelerations": flow.accelerations}
     inputs = {**values, **{name: e for name, e in extra.items() if e.shape[0]}}
     rate = Kernel(inputs, {"xdot": flow.xdot}, flow.p, name="rate")
     return rate, Kernel(values, {"q": flow.q_all, "u": flow.u_all}, flow.p, name="state")
@@ -124,10 +124,9 @@ class StageRate:
         assert inputs is not None
         inputs[0], inputs[places["x"]] = t, x
         if "inputs" in places:
-            asked = self._controller is not None and not self._controller.hold
-            inputs[places["inputs"]] = self._asked(t, x) if asked else self.held
-        if "given" in places:
-            inputs[places["given"]] = flow.by_hand(t, x, self.parameters)
+            inputs[places["inputs"]] = self.motors(t, x)
+        if "accelerations" in places:
+            inputs[places["accelerations"]] = flow.by_hand(t, x, self.parameters)
         p = self.parameters if len(self.parameters) else None
         return self._rate.single(inputs, self._out, p).copy()
 

@@ -81,10 +81,7 @@ class ScipySteps(Stepper):
         self._p, self._method = p, None
 
     def _fresh(self, t: float, x: Array, end: float) -> Any:
-        def f(time: float, state: Array) -> Array:
-            return self._rate(time, state)
-
-        return self._make(f, t, x, end, **self._options)
+        return self._make(self._rate, t, x, end, **self._options)
 
     def _integrated(self, t: float, x: Array, until: float) -> Array:
         if until <= t:

@@ -11,7 +11,7 @@ from deltac.bodies import body
 from deltac.constraints import skate
 from deltac.joints import planar
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants, speed
+from deltac.problems.problem import Problem, coordinate, energy, forward, instant, instants, speed
 from deltac.trajectories import Trajectory
 
 MASS, INERTIA, ARM, SPIN = 1.0, 1.0, 0.5, 2.0
@@ -35,7 +35,7 @@ def problem() -> Problem:
     for t in (1.0, 5.0):
         v, w = top * math.tanh(RATE * t), SPIN / math.cosh(RATE * t)
         reference += [
-            instant("speed of the blade", t, _forward, v, "m/s", "exact", 1e-15),
+            instant("speed of the blade", t, forward("ice"), v, "m/s", "exact", 1e-15),
             instant("ω", t, speed("ice.angle"), w, "rad/s", "exact", 1e-15),
             instant("angle", t, coordinate("ice.angle"), _heading(t), "rad", "exact", 1e-15),
         ]
@@ -62,11 +62,6 @@ def problem() -> Problem:
 def _heading(t: float) -> float:
     """∫ ω0 sech kt dt, by the Gudermannian."""
     return 2 * SPIN / RATE * math.atan(math.tanh(0.5 * RATE * t))
-
-
-def _forward(run: Trajectory) -> Array:
-    angle = run.coordinate("ice.angle")
-    return run.speed("ice.x") * np.cos(angle) + run.speed("ice.y") * np.sin(angle)
 
 
 def _lateral(run: Trajectory) -> Array:

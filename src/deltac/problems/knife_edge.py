@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from deltac.arrays import Array
 from deltac.bodies import body
 from deltac.constraints import skate
 from deltac.joints import planar
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import G, Problem, coordinate, energy, instant, instants
+from deltac.problems.problem import G, Problem, coordinate, energy, forward, instant, instants
 from deltac.trajectories import Trajectory
 
 MASS, INERTIA, SLOPE, SPIN = 1.0, 0.1, math.pi / 6, 2.0
@@ -34,7 +32,9 @@ def problem() -> Problem:
     for t in (1.0, 10.0):
         x, y, v = _exact(t)
         reference += instants({t: (x, y)}, position, "m", "exact", 1e-14)
-        reference.append(instant("speed along the blade", t, _forward, v, "m/s", "exact", 1e-14))
+        reference.append(
+            instant("speed along the blade", t, forward("slope"), v, "m/s", "exact", 1e-14)
+        )
     return Problem(
         name="knife-edge",
         title="Knife edge on an incline",
@@ -60,11 +60,6 @@ def _exact(t: float) -> tuple[float, float, float]:
     x = size * math.sin(phase) ** 2
     y = size * (phase - 0.5 * math.sin(2 * phase))
     return x, y, PULL / SPIN * math.sin(phase)
-
-
-def _forward(run: Trajectory) -> Array:
-    angle = run.coordinate("slope.angle")
-    return run.speed("slope.x") * np.cos(angle) + run.speed("slope.y") * np.sin(angle)
 
 
 def _energy(run: Trajectory) -> Array:

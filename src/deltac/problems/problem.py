@@ -204,6 +204,16 @@ def speed(name: str) -> Signal:
     return lambda run: run.speed(name)
 
 
+def forward(joint: str) -> Signal:
+    """The speed along the x axis of a body on a planar joint (m/s)."""
+
+    def along(run: Trajectory) -> Array:
+        angle = run.coordinate(f"{joint}.angle")
+        return run.speed(f"{joint}.x") * np.cos(angle) + run.speed(f"{joint}.y") * np.sin(angle)
+
+    return along
+
+
 def period(name: str) -> Measure:
     """The time between the first two upward passages of a coordinate through zero (s).
 

@@ -193,7 +193,7 @@ def test_a_scheme_that_takes_the_speed_after_is_half_a_row_late() -> None:
         assert column.late == pytest.approx(0.5, abs=1e-6)
         assert column.ratio == pytest.approx(1.0, abs=1e-8)
         assert column.instant and not column.scaled and not column.outliers.any()
-        assert column.off < HALF_DIGITS
+        assert column.departure < HALF_DIGITS
 
 
 @pytest.mark.parametrize("braked", [0.04, 0.2, 0.5])

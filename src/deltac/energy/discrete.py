@@ -71,7 +71,7 @@ def discrete_work(
     bias = -rnea(s, ca.SX.zeros(nu))
     forces = ca.densify(ca.vertcat(bias, *acting.values()))
     kernel = Kernel(symbols.inputs, {"forces": forces}, name="forces")
-    quantities: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
+    quantities: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.steady}
     quantities["q"], quantities["u"] = samples.smooth["q"].values, samples.smooth["u"].values
     quantities["udot"] = samples.smooth["u"].rates
     arrays = {name: quantities[name] for name in kernel.input_names if name != "logged"}

@@ -73,20 +73,20 @@ class Memory:
 class Given:
     """What each row brings beside t, q and u.
 
-    `forces`: channels whose force is that of the row's instant; `held`: channels whose force was constant
-    over the step that led to the row. `rated`: whether rows bring u̇. `memory`: where they lie; None: side by
-    side, q, u, u̇ and the forces.
+    `forces`: channels whose force is that of the row's instant; `step_forces`: channels whose force was
+    constant over the step that led to the row. `rated`: whether rows bring u̇. `memory`: where they lie; None:
+    side by side, q, u, u̇ and the forces.
     """
 
     forces: tuple[ChannelName, ...] = ()
-    held: tuple[ChannelName, ...] = ()
+    step_forces: tuple[ChannelName, ...] = ()
     rated: bool = False
     memory: Memory | None = None
 
     @property
     def channels(self) -> tuple[ChannelName, ...]:
         """All of them, in the order of a row."""
-        return self.forces + self.held
+        return self.forces + self.step_forces
 
     def place(self, nq: int, nu: int) -> Memory:
         """Where rows lie, with so many coordinates and speeds."""
@@ -114,7 +114,7 @@ class LiveKernels:
     `driven`: sources whose potential depends on time. `speeds`: those with a momentum testing function.
     """
 
-    given: Given
+    inputs: Given
     channels: tuple[ChannelName, ...]
     sources: tuple[ChannelName, ...]
     driven: frozenset[ChannelName]
@@ -140,7 +140,7 @@ def live_kernels(
 
 
 def _written_out(
-    mechanism: Mechanism, given: Given, testing: tuple[str, ...], start: tuple[float, Array]
+    mechanism: Mechanism, inputs: Given, testing: tuple[str, ...], start: tuple[float, Array]
 ) -> LiveKernels:
     nu = len(mechanism.speeds)
     motion = equations_of_motion(mechanism)
@@ -149,8 +149,8 @@ def _written_out(
         ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed
     }
     channels_of_model |= {ChannelName("constraint", c.name) for c in mechanism.constraints}
-    logged = [name for name in given.channels if name in channels_of_model]
-    further = [name for name in given.channels if name not in channels_of_model]
+    logged = [name for name in inputs.channels if name in channels_of_model]
+    further = [name for name in inputs.channels if name not in channels_of_model]
     logged += [GIVEN] if further else []
     places = {name: slice(k * nu, (k + 1) * nu) for k, name in enumerate(logged)}
     log = LoggedForces(dict.fromkeys(logged, list(range(nu))), places, nu * len(logged))
@@ -163,8 +163,8 @@ def _written_out(
 
     # Two rows, and the forces at the ends of the interval between them.
     n = s.u.numel()
-    sizes = {"t": 1, "q": s.q.numel(), "u": n, "udot": n if given.rated else 0}
-    sizes["forces"] = nu * len(given.channels)
+    sizes = {"t": 1, "q": s.q.numel(), "u": n, "udot": n if inputs.rated else 0}
+    sizes["forces"] = nu * len(inputs.channels)
     before, after = (
         {name: ca.SX.sym(f"{name}{k}", size) for name, size in sizes.items()} for k in (0, 1)
     )
@@ -173,8 +173,10 @@ def _written_out(
 
     def forces(row: dict[str, SX], later: dict[str, SX]) -> dict[ChannelName, SX]:
         parts = {}
-        for k, name in enumerate(given.channels):
-            parts[name] = (later if name in given.held else row)["forces"][k * nu : (k + 1) * nu]
+        for k, name in enumerate(inputs.channels):
+            parts[name] = (later if name in inputs.step_forces else row)["forces"][
+                k * nu : (k + 1) * nu
+            ]
         parts[GIVEN] = sum((parts[name] for name in further), start=ca.SX.zeros(nu))
         return parts
 
@@ -184,7 +186,7 @@ def _written_out(
     column = ca.vertcat(s.q, s.u)
     y = [ca.vertcat(row["q"], row["u"]) for row in (before, after)]
     chord = [(after["u"] - before["u"]) / width] * 2
-    rates = [before["udot"], after["udot"]] if given.rated else chord
+    rates = [before["udot"], after["udot"]] if inputs.rated else chord
     dy = [
         ca.vertcat(qdot(row["t"], row["q"], row["u"]), rate)
         for row, rate in zip((before, after), rates)
@@ -221,7 +223,7 @@ def _written_out(
     }
     works = {**{name: of_model[name] for name in channels}, **of_further}
     steady_channels = [
-        name for name in given.held if name in works and name not in ledger.potential
+        name for name in inputs.step_forces if name in works and name not in ledger.potential
     ]
     steady = sum((works[name] for name in steady_channels), start=ca.SX(0))
     mean = width * 0.5 * (speeds(*_state(before)) + speeds(*_state(after)))
@@ -283,7 +285,7 @@ def _written_out(
         "sum before": pair["sum"],
         "apart before": pair["apart"],
     }
-    smooth = given.rated and not given.forces  # these are interpolated linearly
+    smooth = inputs.rated and not inputs.forces  # these are interpolated linearly
     factor = 1.0 / (2.0 ** ((HERMITE_ORDERS[2] if smooth else 2) / 2) - 1.0)
     exact = ca.simplify(integrals[0]).is_zero()
     uncertain = ca.vertcat(0.0 if exact else 1.0, ca.SX.ones(impulse.numel()))
@@ -316,7 +318,7 @@ def _written_out(
     found_now = (delta_c, bar, exchanged, change, limit, inside, within, E, K, V)
 
     # In one kernel: of all that is remembered, and of the place where the new row lies.
-    place = given.place(len(mechanism.coordinates), nu)
+    place = inputs.place(len(mechanism.coordinates), nu)
     p = ca.SX.sym("p", place.size)
     rows = ca.vertcat(*before.values())
     memory: dict[str, SX] = {
@@ -342,7 +344,7 @@ def _written_out(
         "t": settings["t"],
         "q": p[[place.q + int(k) for k in free.q]],
         "u": p[[place.u + int(k) for k in free.u]],
-        "udot": p[[place.udot + int(k) for k in free.u]] if given.rated else ca.SX(0, 1),
+        "udot": p[[place.udot + int(k) for k in free.u]] if inputs.rated else ca.SX(0, 1),
         "forces": ca.vertcat(
             ca.SX(0, 1),
             *(sum(f * p[at : at + nu] for at, f in blocks) for blocks in place.forces),
@@ -356,7 +358,7 @@ def _written_out(
         as_one = Kernel(memory, {"skipped": ca.densify(two)}, p, name="live, skipped")
     kernel = Kernel(memory, step, p, name="live")
     return LiveKernels(
-        given, tuple(works), ledger.potential, symbols.driven, ledger.speeds, kernel, as_one
+        inputs, tuple(works), ledger.potential, symbols.driven, ledger.speeds, kernel, as_one
     )
 
 

@@ -363,7 +363,7 @@ def in_one_pass(
     another kind, or powers at the samples do not suffice for integrals that are exact to rounding.
     """
     count = len(samples.t)
-    aside = samples.inward is not None or samples.held or samples.derived
+    aside = samples.inward is not None or samples.steady or samples.derived
     enough = LONG_RUN if keep is None else max(ROWS_A_BLOCK, ROWS_A_KEPT * keep)
     if aside or count < enough or not equidistant(samples.t):
         return None

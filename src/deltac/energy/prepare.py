@@ -55,7 +55,7 @@ def checked_samples(
             "u": speeds,
         },
         plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in steady},
-        held={n: f for n, f in forces.items() if n.removeprefix("force ") in steady},
+        steady={n: f for n, f in forces.items() if n.removeprefix("force ") in steady},
         derived=frozenset({"u"} if run.udot is None else ()),
         inward=run.inward,
     ), basis

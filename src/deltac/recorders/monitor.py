@@ -260,22 +260,22 @@ class Monitor:
         if first:
             named = [tuple(map(ChannelName.parse, names)) for names in (forces, held)]
             rows = Given(named[0], named[1], rated)
-            both = set(rows.forces) & set(rows.held)
+            both = set(rows.forces) & set(rows.step_forces)
             if both:
                 raise ArgumentsError(
                     f"channels given both as forces and as held: {', '.join(both)}"
                 )
             self._origin = (float(t), parts[0][mechanism.free.q])
             self._set_up(rows, None)
-        elif rated != self._kernels.given.rated:
+        elif rated != self._kernels.inputs.rated:
             raise RecordingError(
                 f"t = {t:g} s: accelerations must be given in every row or in none"
             )
-        elif not set(acting) <= set(self._kernels.given.channels):
+        elif not set(acting) <= set(self._kernels.inputs.channels):
             self._extend(forces, held)
         self._commit()
         none = np.zeros(nu)
-        parts += [acting.get(name, none) for name in self._kernels.given.channels]
+        parts += [acting.get(name, none) for name in self._kernels.inputs.channels]
         np.concatenate(parts, out=self._new)
         if first:
             self._first(t)
@@ -437,12 +437,12 @@ class Monitor:
             even.memory[:] = side.memory
             self._here = even
 
-    def _extend(self, forces: Iterable[str], held: Iterable[str]) -> None:
+    def _extend(self, forces: Iterable[str], step_forces: Iterable[str]) -> None:
         """Channels that appear later: kernels with room for them, the sums so far carried over."""
         old = self._kernels
         added = [
-            tuple(c for c in map(ChannelName.parse, names) if c not in old.given.channels)
-            for names in (forces, held)
+            tuple(c for c in map(ChannelName.parse, names) if c not in old.inputs.channels)
+            for names in (forces, step_forces)
         ]
         own = [part.name for part in equations_of(trace(self.mechanism)).channels]
         for name in (*added[0], *added[1]):
@@ -453,16 +453,18 @@ class Monitor:
         self._commit()
         self._begin_pair()
         inputs = replace(
-            old.given, forces=old.given.forces + added[0], held=old.given.held + added[1]
+            old.inputs,
+            forces=old.inputs.forces + added[0],
+            step_forces=old.inputs.step_forces + added[1],
         )
         before, nu = self._even, len(self.mechanism.speeds)
         self._set_up(inputs, None)
         side, kernels = self._even, self._kernels
         side.pair[:], side.momenta[:] = before.pair, before.momenta
         side.results[:] = before.results
-        common = len(before.row) - nu * len(old.given.channels)
+        common = len(before.row) - nu * len(old.inputs.channels)
         side.row[:common] = before.row[:common]
-        acted = dict(zip(old.given.channels, before.row[common:].reshape(-1, nu)))
+        acted = dict(zip(old.inputs.channels, before.row[common:].reshape(-1, nu)))
         for name, place in zip(inputs.channels, side.row[common:].reshape(-1, nu)):
             place[:] = acted.get(name, 0.0)
         works = dict(zip(old.channels, before.sums[len(CARRIED) :]))

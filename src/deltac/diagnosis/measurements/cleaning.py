@@ -456,19 +456,19 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -
             late[0],
         )
     rest = {n: c for n, c in rest.items() if n not in late}
-    scaled = {n: c for n, c in rest.items() if c.scaled and c.off < NEGLIGIBLE}
+    scaled = {n: c for n, c in rest.items() if c.scaled and c.departure < NEGLIGIBLE}
     yield from _scaled(scaled, rest) if scaled else ()
     for name, c in rest.items():
-        if name not in scaled and c.significant and c.off > 1e-3:
+        if name not in scaled and c.significant and c.departure > 1e-3:
             bar, moved = size_of(c.bar), size_of(c.increments)
             resolved = bar < RESOLVED * moved and len(run) > 30
             yield Finding(
                 "speed-not-rate",
                 f"the speed {name!r} is not the rate of its coordinate",
-                f"it misses {percent(c.off)} of the movement, where digits, noise and quadrature explain "
-                f"{percent(bar / max(moved, 1e-300))}",
+                f"it misses {percent(c.departure)} of the movement, where digits, noise and quadrature "
+                f"explain {percent(bar / max(moved, 1e-300))}",
                 "Log the speed of the same state, unfiltered and with the same clock",
-                "doubt" if c.off > NEGLIGIBLE and resolved else "note",
+                "doubt" if c.departure > NEGLIGIBLE and resolved else "note",
                 name,
             )
 
@@ -502,7 +502,7 @@ def _is_clipped(u: Array, c: ColumnComparison) -> bool:
 
 def _is_late(c: ColumnComparison) -> bool:
     """Whether the rate is of another row, and changes enough from row to row to tell."""
-    tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
+    tells = c.instant and c.departure < 0.2 and not (c.significant and c.departure > NEGLIGIBLE)
     return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 

@@ -75,7 +75,7 @@ class ColumnComparison:
         increments: the change of each interval (I,).
         integrals: ∫x' dt of each (I,).
         start: the row at the start of each interval (I,).
-        off: root mean square of the defects, as a share of the movement; the largest tenth left out.
+        departure: root mean square of the defects, as a share of the movement; the largest tenth left out.
         alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
         significant: whether the defects are beyond their error bars.
         outliers: intervals whose defect stands out of its bar and of the scatter of all others (I,).
@@ -93,7 +93,7 @@ class ColumnComparison:
     increments: Array
     integrals: Array
     start: NDArray[np.intp]
-    off: float
+    departure: float
     alike: float
     significant: bool
     outliers: Mask

@@ -332,15 +332,15 @@ def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
     row: but a log of every step has that error too, and there it falls with the step, which the run tells, or
     which it was `asked` to take.
     """
-    run, held = log.run, log.run.provenance.held
-    silent = held is None and run.provenance.simulator != "deltac"
+    run, channels = log.run, log.run.provenance.held
+    silent = channels is None and run.provenance.simulator != "deltac"
     step = run.provenance.step or (asked if silent else None)
     spacing = float(np.median(np.diff(log.consecutive.t)))
     if (step is not None and spacing < (1.0 + SAME_STEP) * step) or not (
         silent or (step and not run.works)
     ):
         return 0.0, False
-    forces = [f for name, f in run.forces.items() if silent or name in (held or ())]
+    forces = [f for name, f in run.forces.items() if silent or name in (channels or ())]
     mean = 0.5 * (run.u[1:] + run.u[:-1])
     late = sum(
         (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in forces), np.zeros(len(mean))

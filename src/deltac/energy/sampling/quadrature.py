@@ -182,13 +182,13 @@ def hermite(
         powers_between = kernel.flat(x)
         width = x[kernel.input_slices["width"]][0]
         end = sampled[:, after]
-        if samples.held:  # what acts at the end is still that of the start
+        if samples.steady:  # what acts at the end is still that of the start
             end = powers(*samples.at(after, block, rates)).T
         # The inner nodes of all intervals, one kind after the other.
         nodes = np.hstack([powers_between[where] for where in kernel.output_slices.values()])
         times = np.concatenate([samples.t[block] + node * width for node in INNER])
         at = {name: nodes[place].T for name, place in places.items()}
-        at |= {n: np.tile(steady[block], (len(INNER), 1)) for n, steady in samples.held.items()}
+        at |= {n: np.tile(y[block], (len(INNER), 1)) for n, y in samples.steady.items()}
         between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
         inner = powers(times, between).T
         part = OUTER_WEIGHT * (sampled[:, block] + end)
@@ -292,7 +292,7 @@ def _chosen(
     for n in steps if len(samples.t) >= THINNED else ():
         thin = samples.every(n)
         # Derived rates are others when samples are left out, and so is what was held.
-        anew = samples.derived or samples.held
+        anew = samples.derived or samples.steady
         thinned[n] = thin, at_samples(thin, powers, rated) if anew else sampled[:, ::n]
 
     def interpolated(window: int) -> _Rule:
@@ -304,7 +304,7 @@ def _chosen(
         )
 
     first = None
-    if len(samples.t) > 4 * SAMPLED and not samples.held:
+    if len(samples.t) > 4 * SAMPLED and not samples.steady:
         by_samples = _Rule(
             "samples",
             SAMPLED,

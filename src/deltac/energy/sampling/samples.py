@@ -45,7 +45,7 @@ class Samples:
     """What is known at sample times `t` (T,).
 
     `smooth` maps a name to values and rates; `plain` to values (T, n) alone, interpolated by polynomials
-    through the same window; `held` to values that are constant until the next sample. The rates of what
+    through the same window; `steady` to values that are constant until the next sample. The rates of what
     is named in `derived` are those of a spline, since nobody measured them. Samples at events are
     evaluated `inward` (T,; s) from there, within their smooth piece.
     """
@@ -53,7 +53,7 @@ class Samples:
     t: Array
     smooth: dict[str, Smooth]
     plain: dict[str, Array]
-    held: dict[str, Array]
+    steady: dict[str, Array]
     derived: frozenset[str] = frozenset()
     inward: Array | None = None
 
@@ -77,7 +77,7 @@ class Samples:
             self.t[rows],
             {name: cut(column) for name, column in self.smooth.items()},
             {name: y[rows] for name, y in self.plain.items()},
-            {name: y[rows] for name, y in self.held.items()},
+            {name: y[rows] for name, y in self.steady.items()},
             self.derived,
         )
 
@@ -86,16 +86,16 @@ class Samples:
         thin = self.rows(slice(None, None, n))
         starts = np.arange(0, len(self.t) - 1, n)
         width = np.diff(self.t)[:, None]
-        for name, y in self.held.items():
+        for name, y in self.steady.items():
             mean = np.add.reduceat(y[:-1] * width, starts) / np.add.reduceat(width, starts)
-            thin.held[name] = np.concatenate([mean, y[-1:]])[: len(thin.t)]
+            thin.steady[name] = np.concatenate([mean, y[-1:]])[: len(thin.t)]
         for name in self.derived:
             values = thin.smooth[name].values
             thin.smooth[name] = Smooth(values, partial(spline_rate, thin.t, values))
         return thin
 
-    def at(self, rows: slice, held: slice, rated: Collection[str]) -> tuple[Array, Between]:
-        """Times and quantities at `rows`; what is held is that of other rows."""
+    def at(self, rows: slice, steps: slice, rated: Collection[str]) -> tuple[Array, Between]:
+        """Times and quantities at `rows`; what is steady is that of the rows `steps`."""
         t = self.t[rows]
         values = {name: column.values[rows] for name, column in self.smooth.items()}
         if self.inward is not None:
@@ -104,7 +104,7 @@ class Samples:
             for name, column in self.smooth.items():
                 values[name] = values[name] + aside[:, None] * column.rates[rows]
         values |= {name: y[rows] for name, y in self.plain.items()}
-        values |= {name: y[held] for name, y in self.held.items()}
+        values |= {name: y[steps] for name, y in self.steady.items()}
         rates = {name: self.smooth[name].rates[rows] for name in rated}
         return t, Between(values, rates)
 

@@ -156,7 +156,7 @@ def test_what_an_occurrence_tells() -> None:
         ({"t": float("nan")}, "expected a finite time"),
         ({"u_after": [1.0, 2.0]}, r"u_after of .* found shape \(2,\), expected 1 numbers"),
         ({"u_after": [np.inf]}, "expected finite numbers"),
-        ({"q": "zero"}, "q of .* expected numbers"),
+        ({"q": "zero"}, "q of .* expected real numbers"),
         ({"impulses": {"bang floor": [1.0]}}, "'bang' is no kind of channel"),
     ],
 )

@@ -147,7 +147,7 @@ def _is(value: Any, kind: str) -> bool:
                 return False
             each = inner if outer != "tuple" and "," not in inner else "Any"
             return not isinstance(value, Sized) or all(fits(v, each) for v in value)
-        case "Array" | "FloatArray" | "ArrayLike":
+        case "Array" | "ArrayLike":
             return bool(import_module("numpy").asarray(value).dtype.kind in "biuf")
         case name:
             kind_class = _class(name)

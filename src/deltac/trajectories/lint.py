@@ -17,14 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arrays import LONG_LOG, SAME_STEP, SMALL_SHARE
+from deltac.arrays import LONG_LOG, SAME_STEP, SMALL_SHARE, Array
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType, closest
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames, NamesLike, RateNames, si_unit
 from deltac.trajectories.motion import Movement, RatioFit
 from deltac.trajectories.rates import GAP
-from deltac.trajectories.trajectory import FloatArray, Trajectory
+from deltac.trajectories.trajectory import Trajectory
 
 _DEGREE = math.pi / 180.0
 LOOKED_AT, NEIGHBOURS = LONG_LOG, 8
@@ -211,7 +211,7 @@ def _wide_swings(
     names: MechanismNames | None,
     kinematics: RateNames,
     fits: Mapping[tuple[int, int], RatioFit],
-    reaches: FloatArray,
+    reaches: Array,
     other: bool,
 ) -> list[Suspicion]:
     """Coordinates and speeds both in degrees agree with each other; only their size tells."""
@@ -252,7 +252,7 @@ class _Turning:
 
     joint: str
     fit: RatioFit
-    rotation: FloatArray  # (T, 3, 3), by the reading that fits
+    rotation: Array  # (T, 3, 3), by the reading that fits
     suspicions: tuple[Suspicion, ...]
 
 
@@ -358,12 +358,12 @@ def _declared(run: Trajectory) -> Iterator[Suspicion]:
 # -- times ---------------------------------------------------------------------------------------
 
 
-def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
+def gap_rows(t: Array) -> npt.NDArray[np.intp]:
     """The rows after which rows are missing: the next is far later than those around are apart."""
     return np.flatnonzero(_wide(t))
 
 
-def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
+def _wide(t: Array) -> npt.NDArray[np.bool_]:
     """Which of the intervals (T−1,) are far wider than both of their neighbours."""
     h = np.diff(t)
     if len(h) < 3 or h.max() <= GAP * h.min():
@@ -371,13 +371,13 @@ def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray(h > GAP * _beside(h))
 
 
-def _beside(h: FloatArray) -> FloatArray:
+def _beside(h: Array) -> Array:
     """The wider of the neighbours of each interval."""
     before, after = np.r_[h[1], h[:-1]], np.r_[h[1:], h[-2]]
     return np.asarray(np.maximum(before, after))
 
 
-def _gaps(t: FloatArray) -> Iterator[Suspicion]:
+def _gaps(t: Array) -> Iterator[Suspicion]:
     """Rows that are missing."""
     h, wide = np.diff(t), gap_rows(t)
     if not wide.size:

@@ -14,9 +14,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arrays import NEGLIGIBLE, ROUGHLY, max_norm
+from deltac.arrays import NEGLIGIBLE, ROUGHLY, Array, max_norm
 from deltac.trajectories.rates import continuous, rotation_vectors
-from deltac.trajectories.trajectory import FloatArray
 
 T = TypeVar("T")
 
@@ -35,16 +34,16 @@ INCREMENTS = 40
 class Movement:
     """Increments of coordinates and integrals of speeds, over intervals (I, n)."""
 
-    increments: FloatArray
-    integrals: FloatArray
+    increments: Array
+    integrals: Array
 
     @classmethod
-    def of(cls, t: FloatArray, q: FloatArray, u: FloatArray) -> Movement:
+    def of(cls, t: Array, q: Array, u: Array) -> Movement:
         """Of coordinates (T, n) with the rates u (T, n)."""
         return cls(np.diff(q, axis=0), integral(t, u))
 
     @classmethod
-    def turning(cls, t: FloatArray, p: FloatArray, w: FloatArray, frame: str) -> Movement:
+    def turning(cls, t: Array, p: Array, w: Array, frame: str) -> Movement:
         """Of quaternions (T, 4), scalar first, with angular velocities in "body" or "world" components."""
         return cls(rotation_vectors(continuous(p), frame), integral(t, w))
 
@@ -121,13 +120,13 @@ def preferred(readings: Sequence[T], miss: Callable[[T], float]) -> T | None:
     return best if least < CLEAR_RATIO * min([1.0, *map(miss, ordered[1:])]) else None
 
 
-def integral(t: FloatArray, u: FloatArray) -> FloatArray:
+def integral(t: Array, u: Array) -> Array:
     """What speeds (T, n) move over each interval (T−1, n), by trapezoids."""
-    result: FloatArray = 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1])
+    result: Array = 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1])
     return result
 
 
-def _worst(moved: FloatArray, integrated: FloatArray) -> float:
+def _worst(moved: Array, integrated: Array) -> float:
     size = np.abs(moved).sum(axis=0) + np.abs(integrated).sum(axis=0)
     difference = np.abs(moved - integrated).sum(axis=0)
     telling = size > NEGLIGIBLE * size.sum()

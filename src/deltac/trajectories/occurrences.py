@@ -11,15 +11,15 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import Array
 from deltac.errors import LogError, check_names, listed, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
+from deltac.trajectories.numbers import as_numbers
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -41,11 +41,11 @@ class Occurrence:
 
     t: float
     names: tuple[str, ...]
-    q: FloatArray
-    u_before: FloatArray
-    u_after: FloatArray
-    udot_before: FloatArray | None = None
-    udot_after: FloatArray | None = None
+    q: Array
+    u_before: Array
+    u_after: Array
+    udot_before: Array | None = None
+    udot_after: Array | None = None
     forces_before: ByChannel = field(default_factory=dict)
     forces_after: ByChannel = field(default_factory=dict)
     impulses: ByChannel = field(default_factory=dict)
@@ -143,24 +143,15 @@ _ARRAYS = ("q", "u_before", "u_after", "udot_before", "udot_after")
 _MAPPINGS = ("forces_before", "forces_after", "impulses")
 
 
-def _array(value: Any, size: int | None, where: str) -> FloatArray:
-    try:
-        array_value = np.asarray(value)
-        if (
-            array_value.dtype.kind not in "iuf" and array_value.size
-        ):  # no texts, which NumPy would read
-            raise TypeError
-        array = np.array(array_value, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise LogError(f"{where}: found {shown(value)}, expected numbers") from None
+def _array(value: Any, size: int | None, where: str) -> Array:
+    array = as_numbers(where, value)
     if array.ndim != 1 or (size is not None and array.size != size):
         expected = "a list of numbers" if size is None else f"{size} numbers"
         raise LogError(f"{where}: found shape {array.shape}, expected {expected}")
     if not np.isfinite(array).all():
         raise LogError(f"{where}: found {shown(array.tolist())}, expected finite numbers")
-    array.flags.writeable = False
     return array
 
 
-def _listed(value: FloatArray | None) -> list[float] | None:
+def _listed(value: Array | None) -> list[float] | None:
     return None if value is None else [float(entry) for entry in value]

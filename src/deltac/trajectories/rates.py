@@ -14,10 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import LogError
 from deltac.trajectories.columns import MechanismNames, RateNames, speeds_of
 from deltac.trajectories.splines import smooth_rates
-from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
+from deltac.trajectories.trajectory import Trajectory, check_times, row_name
 
 GAP = 5.0
 """Ratio of an interval to those around it above which it is a gap."""
@@ -27,8 +28,8 @@ FEWEST_ROWS = 4
 
 
 def derived_speeds(
-    columns: Mapping[str, FloatArray], names: MechanismNames | None
-) -> tuple[dict[str, FloatArray], dict[str, float]]:
+    columns: Mapping[str, Array], names: MechanismNames | None
+) -> tuple[dict[str, Array], dict[str, float]]:
     """The columns ``u.<speed>`` that belong to the columns ``q.<coordinate>``, and the error of each.
 
     Raises InputError for too few rows, or times that do not increase.
@@ -77,29 +78,29 @@ def with_accelerations(run: Trajectory) -> Trajectory:
     return replace(run, udot=udot, provenance=replace(run.provenance, derived=derived))
 
 
-def derived_error(run: Trajectory, what: str = "u") -> FloatArray | None:
+def derived_error(run: Trajectory, what: str = "u") -> Array | None:
     """The estimated largest errors (nu,) of derived "u" or "udot", zero where measured; None if all are."""
     errors = run.provenance.derived.get(what)
     return None if not errors else np.array([errors.get(name, 0.0) for name in run.speeds])
 
 
-def angular_velocity(p: FloatArray, pdot: FloatArray) -> FloatArray:
+def angular_velocity(p: Array, pdot: Array) -> Array:
     """ω (T, 3), body components, of p/|p| for quaternions p (T, 4), scalar first, of any length."""
     w, v = p[:, :1], p[:, 1:]
     imaginary = w * pdot[:, 1:] - pdot[:, :1] * v - np.cross(v, pdot[:, 1:])
-    omega: FloatArray = 2.0 * imaginary / np.sum(p * p, axis=1, keepdims=True)
+    omega: Array = 2.0 * imaginary / np.sum(p * p, axis=1, keepdims=True)
     return omega
 
 
-def continuous(p: FloatArray) -> FloatArray:
+def continuous(p: Array) -> Array:
     """Quaternions (T, 4) with signs chosen so that neighbours do not jump: p and −p are one turn."""
     jumps = np.sum(p[1:] * p[:-1], axis=1) < 0.0
     sign = np.concatenate([[1.0], np.cumprod(np.where(jumps, -1.0, 1.0))])
-    result: FloatArray = p * sign[:, None]
+    result: Array = p * sign[:, None]
     return result
 
 
-def rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
+def rotation_vectors(p: Array, frame: str) -> Array:
     """Rotation vectors (T−1, 3) from each quaternion (T, 4) to the next, "body" or "world" components."""
     a, b = p[:-1], p[1:]
     w = np.sum(a * b, axis=1)
@@ -108,11 +109,11 @@ def rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
     v, w = v * np.where(w < 0.0, -1.0, 1.0)[:, None], np.abs(w)
     length = np.linalg.norm(v, axis=1)
     scale = np.divide(2.0 * np.arctan2(length, w), length, out=np.zeros_like(w), where=length > 0.0)
-    result: FloatArray = v * scale[:, None]
+    result: Array = v * scale[:, None]
     return result
 
 
-def _speeds(t: FloatArray, q: FloatArray, kinematics: RateNames, count: int) -> FloatArray:
+def _speeds(t: Array, q: Array, kinematics: RateNames, count: int) -> Array:
     u = np.zeros((len(t), count))
     if kinematics.rates:
         places = np.array(kinematics.rates)
@@ -123,7 +124,7 @@ def _speeds(t: FloatArray, q: FloatArray, kinematics: RateNames, count: int) -> 
     return u
 
 
-def _rate(t: FloatArray, values: FloatArray) -> FloatArray:
+def _rate(t: Array, values: Array) -> Array:
     if not values.shape[1]:
         return np.zeros_like(values)
     try:
@@ -139,7 +140,7 @@ def _rate(t: FloatArray, values: FloatArray) -> FloatArray:
     return rates
 
 
-def _error(t: FloatArray, fine: FloatArray, derive: Callable[[slice], FloatArray]) -> list[float]:
+def _error(t: Array, fine: Array, derive: Callable[[slice], Array]) -> list[float]:
     """The largest difference, in each column, to what every second sample alone gives."""
     halves = [slice(0, None, 2), slice(1, None, 2)]
     if len(t[halves[1]]) < 2:
@@ -161,7 +162,7 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> RateNames:
     return kinematics
 
 
-def _check(t: FloatArray, values: FloatArray, what: str) -> None:
+def _check(t: Array, values: Array, what: str) -> None:
     if len(t) < FEWEST_ROWS:
         raise LogError(
             f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST_ROWS}); "

@@ -19,18 +19,25 @@ from deltac.arrays import Array, max_norm
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.calls.services import service
-from deltac.errors import InputError, LogError, StateError, WrongType, check_names, shown
+from deltac.errors import (
+    InputError,
+    LogError,
+    StateError,
+    WrongType,
+    check_names,
+    number_or_nan,
+    shown,
+)
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
+from deltac.trajectories.numbers import as_numbers
 from deltac.trajectories.occurrences import Occurrence
 
 if TYPE_CHECKING:
     import polars
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 class OdeResult(Protocol):
@@ -206,16 +213,16 @@ class Trajectory(Shown, Once):
     type, no rows, time that does not increase, a value that is not finite, an unusable name.
     """
 
-    t: FloatArray
-    q: FloatArray
-    u: FloatArray
+    t: Array
+    q: Array
+    u: Array
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
-    udot: FloatArray | None = None
+    udot: Array | None = None
     forces: ByChannel = field(default_factory=dict)
     works: ByChannel = field(default_factory=dict)
-    stages: FloatArray | None = None
-    integrals: Mapping[str, FloatArray] = field(default_factory=dict)
+    stages: Array | None = None
+    integrals: Mapping[str, Array] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
     mechanism: Mechanism | None = field(default=None, metadata={"json": False})
@@ -278,7 +285,7 @@ class Trajectory(Shown, Once):
                 raise LogError(f"events: {event!r} and the rows must both have udot, or neither")
             before = event.t
 
-    def _at_stages(self, values: FloatArray) -> FloatArray:
+    def _at_stages(self, values: Array) -> Array:
         if values.ndim != 3:
             raise LogError(f"stages: found shape {values.shape}, expected (T, s, nu)")
         each = [
@@ -289,7 +296,7 @@ class Trajectory(Shown, Once):
         stages.flags.writeable = False
         return stages
 
-    def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
+    def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> Array:
         """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
         array = as_numbers(label, values)
         shape = (len(self.t),) if names is None else (len(self.t), len(names))
@@ -339,7 +346,7 @@ class Trajectory(Shown, Once):
     def sections(self) -> Iterator[Section]:
         """Tables of coordinates and speeds with their ranges, of channels, and of what happened."""
 
-        def row(name: str, values: FloatArray) -> tuple[str, ...]:
+        def row(name: str, values: Array) -> tuple[str, ...]:
             statistics = (values[0], values[-1], values.min(), values.max())
             return (name, *(number(float(x)) for x in statistics))
 
@@ -360,33 +367,33 @@ class Trajectory(Shown, Once):
 
     # --- kinematics, of a run that knows its mechanism ---------------------------------------------
 
-    def position(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
+    def position(self, body: str, point: VectorLike = ORIGIN) -> Array:
         """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
-        place: FloatArray = self._kinematics().position(body, point)
+        place: Array = self._kinematics().position(body, point)
         return place
 
-    def velocity(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
+    def velocity(self, body: str, point: VectorLike = ORIGIN) -> Array:
         """Velocity of a body's material point (T, 3), m/s, world components."""
-        vector: FloatArray = self._kinematics().velocity(body, point)
+        vector: Array = self._kinematics().velocity(body, point)
         return vector
 
-    def orientation(self, body: str) -> FloatArray:
+    def orientation(self, body: str) -> Array:
         """Rotation matrices (T, 3, 3): columns are the body's axes in the world."""
-        matrix: FloatArray = self._kinematics().orientation(body)
+        matrix: Array = self._kinematics().orientation(body)
         return matrix
 
-    def angular_velocity(self, body: str) -> FloatArray:
+    def angular_velocity(self, body: str) -> Array:
         """Angular velocity of a body (T, 3), rad/s, world components."""
-        vector: FloatArray = self._kinematics().angular_velocity(body)
+        vector: Array = self._kinematics().angular_velocity(body)
         return vector
 
-    def contact_point(self, constraint: str) -> FloatArray:
+    def contact_point(self, constraint: str) -> Array:
         """Where a wheel, disc or sphere that rolls touches its plane (T, 3), m."""
-        place: FloatArray = self._kinematics().contact_point(constraint)
+        place: Array = self._kinematics().contact_point(constraint)
         return place
 
     @functools.cached_property
-    def multipliers(self) -> Mapping[str, FloatArray]:
+    def multipliers(self) -> Mapping[str, Array]:
         """λ of each constraint (T, rows), N and N·m, by the mechanism's equations at the rows of the run.
 
         The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
@@ -423,11 +430,11 @@ class Trajectory(Shown, Once):
         """Time between the first and the last row, s."""
         return float(self.t[-1] - self.t[0])
 
-    def coordinate(self, name: str) -> FloatArray:
+    def coordinate(self, name: str) -> Array:
         """Samples (T,) of one coordinate; InputError for an unknown name."""
         return _pick(self.q, "coordinate", name, self.coordinates)
 
-    def speed(self, name: str) -> FloatArray:
+    def speed(self, name: str) -> Array:
         """Samples (T,) of one speed; InputError for an unknown name."""
         return _pick(self.u, "speed", name, self.speeds)
 
@@ -542,37 +549,12 @@ class Trajectory(Shown, Once):
         service("write_trajectory")(self, path)
 
 
-def as_numbers(label: str, values: Any) -> FloatArray:
-    """A read-only float64 copy of `values`; InputError when they are not real numbers.
-
-    Arrays that are read-only, and no views of writeable ones, are not copied.
-    """
-    try:
-        array = np.asarray(values)
-    except ValueError as error:  # ragged rows
-        raise LogError(f"{label}: expected an array of numbers; {error}") from None
-    if array.dtype.kind not in "iuf":
-        raise WrongType(
-            f"{label}: found values of type {array.dtype}, expected real numbers (SI units)"
-        )
-    whole = array.base is None and array.dtype == np.float64 and array.flags.c_contiguous
-    if whole and not array.flags.writeable:
-        return np.asarray(array)
-    if array.dtype.itemsize <= 8:
-        copy = np.array(array, dtype=np.float64, order="C")
-    else:
-        with np.errstate(over="ignore"):  # a long double beyond float64 is caught as infinite
-            copy = np.array(array, dtype=np.float64, order="C")
-    copy.flags.writeable = False
-    return copy
-
-
 def row_name(row: int, rows: int) -> str:
     """How messages name a row, so that it is clear from where rows are counted."""
     return f"row {row} (of 0 to {rows - 1})"
 
 
-def _times(values: Any) -> FloatArray:
+def _times(values: Any) -> Array:
     t = as_numbers("time", values)
     if t.ndim != 1:
         raise LogError(f"time: found shape {t.shape}, expected (T,): one time for each row")
@@ -582,7 +564,7 @@ def _times(values: Any) -> FloatArray:
     return t
 
 
-def check_times(t: FloatArray) -> None:
+def check_times(t: Array) -> None:
     """LogError, unless times (T,) are finite and strictly increase."""
     finite, forward = np.isfinite(t), t[1:] > t[:-1]
     if not finite.all():
@@ -600,7 +582,7 @@ def check_times(t: FloatArray) -> None:
         )
 
 
-def rounded_clock(t: FloatArray) -> str:
+def rounded_clock(t: Array) -> str:
     """What to do with times (T,) that are those of an even clock, rounded to more than a row; else nothing.
 
     The clock is the straight line through the ends: each time is within a unit of its last digit of it. Most
@@ -639,9 +621,9 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def _pick(values: FloatArray, what: str, name: str, names: Sequence[str]) -> FloatArray:
+def _pick(values: Array, what: str, name: str, names: Sequence[str]) -> Array:
     check_names([name], names, f"unknown {what}")
-    column: FloatArray = values[:, names.index(name)]
+    column: Array = values[:, names.index(name)]
     return column
 
 
@@ -655,16 +637,10 @@ def _positive(name: str, value: Any, *, zero: bool) -> float | None:
     """`value` as a finite float above zero (or at zero, where allowed); None passes."""
     if value is None:
         return None
-    expected = "a finite number, " + ("0 or more" if zero else "above 0")
-    if isinstance(value, bool | str):
-        raise _unfit(name, value, expected)
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise _unfit(name, value, expected) from None
-    if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
-        raise _unfit(name, value, expected)
-    return number
+    size = math.nan if isinstance(value, bool | str) else number_or_nan(value)
+    if not (0.0 < size < math.inf or (zero and size == 0.0)):
+        raise _unfit(name, value, "a finite number, " + ("0 or more" if zero else "above 0"))
+    return size
 
 
 def _unfit(name: str, value: Any, expected: str) -> InputError:

@@ -396,15 +396,8 @@ def _without_rounding(x: Array) -> Array:
 
 def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
     """What is set to zero, one after the other; a quaternion as a whole, to the identity."""
-    speeds = [("u", k, 0.0) for k in range(len(test.states.u))]
-    if test.kane.assembled:  # a coordinate alone would leave the constraints, and so would the time
-        return speeds
-    turned = orientations(test).values()
-    whole = {k for place in turned for k in range(place.start, place.stop)}
-    single = [("q", k, 0.0) for k in range(len(test.states.q)) if k not in whole]
-    return [
-        ("t", slice(None), 0.0),
-        *speeds,
-        *single,
-        *(("q", place, np.eye(4)[:, :1]) for place in turned),
+    moves = [
+        (kind, place, np.eye(4)[:, :1] if kind == "q" and isinstance(place, slice) else 0.0)
+        for _, kind, place in _variables(test)
     ]
+    return sorted(moves, key=lambda move: ("tuq".index(move[0]), isinstance(move[1], slice)))

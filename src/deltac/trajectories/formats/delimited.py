@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from deltac.arrays import Array
 from deltac.errors import FileError, InputError, LogError, WrongType, shown
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits, require_memory
@@ -32,7 +33,7 @@ from deltac.trajectories.formats.raw import (
     seconds_of,
 )
 from deltac.trajectories.formats.units import unit
-from deltac.trajectories.trajectory import FloatArray, Trajectory, row_name
+from deltac.trajectories.trajectory import Trajectory, row_name
 
 if TYPE_CHECKING:
     import polars
@@ -371,7 +372,7 @@ def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = No
     """
     import polars
 
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, Array] = {}
     skipped: dict[str, str] = {}
     units: dict[str, str] = {}
     for series in (frame if header is not None else arranged(frame)).get_columns():
@@ -398,7 +399,7 @@ def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = No
     return RawLog(columns, header, skipped=skipped, units=units, declared=declared)
 
 
-def _instants(series: polars.Series) -> FloatArray | None:
+def _instants(series: polars.Series) -> Array | None:
     """Dates, durations and whole numbers since 1970, as seconds since the first; None for anything else."""
     import polars
 
@@ -433,8 +434,8 @@ def _instants(series: polars.Series) -> FloatArray | None:
     return _array(since.cast(polars.Float64)) / 1e9
 
 
-def _array(series: polars.Series) -> FloatArray:
-    values: FloatArray = series.to_numpy()
+def _array(series: polars.Series) -> Array:
+    values: Array = series.to_numpy()
     return values
 
 
@@ -504,7 +505,7 @@ _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 
 def numbers(
     name: str, series: polars.Series, first_line: int | None = None, *, missing: bool = False
-) -> FloatArray:
+) -> Array:
     """A column as float64; InputError names the first row that holds no number.
 
     Where values may be `missing`, they are NaN, but not up to the end.
@@ -546,5 +547,5 @@ def numbers(
         raise LogError(
             f"column {name!r}, {where}: found {value}, expected a number. Repair or drop the row."
         )
-    result: FloatArray = numbers.to_numpy()
+    result: Array = numbers.to_numpy()
     return result

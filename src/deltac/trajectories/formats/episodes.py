@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import LogError, listed
 from deltac.trajectories.formats.raw import RawLog
-from deltac.trajectories.trajectory import FloatArray
 
 COLUMNS = ("episode", "episode_index", "episode_id", "demo", "trial", "trajectory_id")
 """Columns that number the episodes of rows: deltac's and Gymnasium's, LeRobot's, …."""
@@ -60,7 +60,7 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
     }
 
 
-def _by_number(raw: RawLog, number: FloatArray, column: str = "") -> dict[str, RawLog]:
+def _by_number(raw: RawLog, number: Array, column: str = "") -> dict[str, RawLog]:
     """The rows with each number (T,), which a `column` may hold."""
     others = {n: c for n, c in raw.columns.items() if n != column and len(c) == len(number)}
     return {

@@ -15,10 +15,10 @@ from itertools import product
 import numpy as np
 
 from deltac import rotations
+from deltac.arrays import Array
 from deltac.trajectories.formats.units import without_unit
 from deltac.trajectories.formats.words import NEUTRAL, PLACE_WORDS, UNREAL, words_of
 from deltac.trajectories.motion import Movement, preferred
-from deltac.trajectories.trajectory import FloatArray
 
 BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
 """What people call the one body that floats."""
@@ -82,14 +82,14 @@ class Floating:
 
 
 def floating_base(
-    t: FloatArray, table: Mapping[str, FloatArray], layouts: Sequence[Layout]
+    t: Array, table: Mapping[str, Array], layouts: Sequence[Layout]
 ) -> Floating | None:
     """The reading of the layouts, the most declared first, by which a body moves as its velocities say.
 
     t (T,), s; table: columns (T,) in SI units. None where nothing moves so.
     """
 
-    def columns(names: Sequence[str]) -> FloatArray:
+    def columns(names: Sequence[str]) -> Array:
         return np.column_stack([table[name] for name in names])
 
     readings = [
@@ -105,7 +105,7 @@ def _scalar_first(quaternion: Sequence[str], order: str) -> tuple[str, ...]:
     return tuple(quaternion[k] for k in _QUATERNIONS[order])
 
 
-def is_turning(p: FloatArray) -> bool:
+def is_turning(p: Array) -> bool:
     """Whether four columns (T, 4) are a unit quaternion that is not constant."""
     with np.errstate(over="ignore"):
         one = (
@@ -115,7 +115,7 @@ def is_turning(p: FloatArray) -> bool:
 
 
 def _read(
-    t: FloatArray, columns: Callable[[Sequence[str]], FloatArray], layout: Layout, order: str
+    t: Array, columns: Callable[[Sequence[str]], Array], layout: Layout, order: str
 ) -> Iterator[Floating]:
     """A layout with each pair of frames, the declared or usual ones first; none of no quaternion."""
     p = columns(_scalar_first(layout.quaternion, order))
@@ -222,7 +222,7 @@ def of_vectors(vectors: Sequence[Vector]) -> Iterator[Layout]:
             yield Layout(x.columns, p.columns, v.columns, w.columns, p.order, v.frame, w.frame)
 
 
-def poses(table: Mapping[str, FloatArray], vectors: Sequence[Vector]) -> Iterator[tuple[str, ...]]:
+def poses(table: Mapping[str, Array], vectors: Sequence[Vector]) -> Iterator[tuple[str, ...]]:
     """Columns of positions with quaternions of the same owner that move: w, x, y, z and x, y, z."""
     for p, x in product(vectors, vectors):
         if p.order and x.kind == "position" and x.owner == p.owner:

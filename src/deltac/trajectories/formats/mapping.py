@@ -62,14 +62,16 @@ DIMENSIONS: Mapping[str, str] = {
 }
 """Keys of the table ``[units]`` and the SI unit that each replaces."""
 
-_TABLES = {
-    "coordinates": "q",
-    "speeds": "u",
-    "accelerations": "udot",
-    "works": "work",
-    "integrals": "integral",
+TABLES = {
+    "q": "coordinates",
+    "u": "speeds",
+    "udot": "accelerations",
+    "work": "works",
+    "integral": "integrals",
 }
-_KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
+"""Kind of a column -> the table of a mapping that holds it."""
+
+_KNOWN = ("log", "units", "quaternions", "forces", *TABLES.values())
 _SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset", "frame")
 _COMPONENTS = ("world", "body")
 _ORDERS = ("wxyz", "xyzw")
@@ -175,7 +177,7 @@ class _Parser:
     def sources(self, log: Mapping[str, Any]) -> Iterator[Meaning]:
         if "time" in log:
             yield self.source("time", "log.time", log["time"])
-        for table, prefix in _TABLES.items():
+        for prefix, table in TABLES.items():
             for name, value in self.table(table).items():
                 yield self.source(f"{prefix}.{name}", f"{table}.{name}", value)
         for joint, value in self.table("quaternions").items():

@@ -13,7 +13,6 @@ import struct
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
@@ -100,10 +99,7 @@ def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 
 def _arrays(
-    archive: zipfile.ZipFile,
-    size: int,
-    collector: Collector,
-    parts: Mapping[str, slice] = MappingProxyType({}),
+    archive: zipfile.ZipFile, size: int, collector: Collector, parts: Mapping[str, slice]
 ) -> dict[str, Any]:
     budget, arrays = Budget(size), {}
     Limits.current().check("columns", len(archive.filelist), "the archive holds")
@@ -118,7 +114,7 @@ def _arrays(
 
 def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
     collector = Collector()
-    arrays = _arrays(archive, size, collector)
+    arrays = _arrays(archive, size, collector, {})
     if "deltac" in arrays:
         header = arrays["deltac"]
         if header.dtype.kind != "U" or header.size != 1:

@@ -13,10 +13,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import Array
 from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
 from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories.formats.units import is_known, unit
-from deltac.trajectories.trajectory import FloatArray, Trajectory
+from deltac.trajectories.trajectory import Trajectory
 
 Header: TypeAlias = Mapping[str, Any] | None
 
@@ -39,7 +40,7 @@ class RawLog:
     declared    where -> a unit that the file declares beside its columns, and of none of them by name
     """
 
-    columns: Mapping[str, FloatArray]
+    columns: Mapping[str, Array]
     header: Header = None
     units: Mapping[str, str] = field(default_factory=dict)
     meanings: Mapping[str, str] = field(default_factory=dict)
@@ -55,7 +56,7 @@ EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 """Whole numbers above these are nano-, micro- and milliseconds since 1970 (the smallest: 1973)."""
 
 
-def seconds_of(stamps: npt.NDArray[Any]) -> FloatArray | None:
+def seconds_of(stamps: npt.NDArray[Any]) -> Array | None:
     """Seconds since the first of times that are whole numbers since 1970, dates or durations; else None.
 
     The difference is taken before rounding: of nanoseconds since 1970 a double keeps 256.
@@ -144,7 +145,7 @@ class Collector:
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
         """A column, an array of columns, or texts that declare units, see `is_unit`."""
-        if is_unit(name) and (values is None or (texts := _all_texts(values))):
+        if is_unit(name) and (values is None or (texts := _texts(values))):
             self._declared[name] = [] if values is None else texts
             return
         try:
@@ -216,7 +217,7 @@ class Collector:
     def log(self) -> RawLog:
         """What was gathered."""
         lengths = {len(array) for array in self.arrays.values() if array.ndim == 1}
-        columns: dict[str, FloatArray] = {}
+        columns: dict[str, Array] = {}
         units: dict[str, str] = {}
         for name, array in self.arrays.items():
             if array.ndim == 1:
@@ -239,7 +240,7 @@ class Collector:
             columns, units=units, skipped=self.skipped, scalars=self.scalars, declared=declared
         )
 
-    def declare(self, columns: Mapping[str, FloatArray], units: dict[str, str]) -> dict[str, str]:
+    def declare(self, columns: Mapping[str, Array], units: dict[str, str]) -> dict[str, str]:
         """Put down the units of columns that are declared beside them; return those of none by name."""
         declared: dict[str, str] = {}
         for place, texts in self._declared.items():
@@ -325,15 +326,8 @@ def _of_unit(name: str) -> str | None:
     return None
 
 
-def _all_texts(values: Any) -> list[str]:
-    """The texts of a list or an array of them, or the one that this is."""
-    return _texts([values] if isinstance(values, str | bytes) else values)
-
-
 def _texts(values: Any) -> list[str]:
-    """The texts of a list or an array of them; none where anything else is among them."""
-    if isinstance(values, str | bytes):
-        return []
+    """The texts of a list or an array of them, or the one that this is; none where anything else is there."""
     each = np.ravel(np.asarray(values, dtype=object)).tolist()
     texts = [text.decode("utf-8", "replace") if isinstance(text, bytes) else text for text in each]
     return [text.strip() for text in texts] if all(isinstance(t, str) for t in texts) else []
@@ -368,7 +362,7 @@ def labelled(values: Mapping[str, Any]) -> dict[str, Any]:
 # -- the layout of deltac's own logs in files of arrays ------------------------------------------
 
 
-def to_arrays(run: Trajectory) -> dict[str, FloatArray]:
+def to_arrays(run: Trajectory) -> dict[str, Array]:
     """The arrays of a trajectory: time (T,), q, u, udot (T, n), force (T, channels, nu), work, integral."""
     arrays = {"time": run.t, "q": run.q, "u": run.u}
     if run.udot is not None:
@@ -403,7 +397,7 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         "integral": names["integrals"],
     }
     Limits.current().check("columns", 1 + sum(map(len, parts.values())), "the log has")
-    columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
+    columns: dict[str, Array] = {"time": _shaped(arrays, "time", (rows,))}
     for key, several in parts.items():
         if several or key in "qu":
             table = _shaped(arrays, key, (rows, len(several)))
@@ -420,7 +414,7 @@ def _damaged(key: str, value: Any, expected: str) -> InputError:
 _LISTS = ("coordinates", "speeds", "channels", "works", "integrals")
 
 
-def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
+def _shaped(arrays: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Array:
     if key not in arrays:
         raise LogError(f"no array {key!r}, which the deltac metadata announce; write the log again")
     array = np.asarray(arrays[key])

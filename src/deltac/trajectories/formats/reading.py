@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arrays import ROUGHLY
+from deltac.arrays import ROUGHLY, Array
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.laws import at_times, symbol_names
@@ -26,7 +26,7 @@ from deltac.trajectories.columns import (
     speed_of_force,
     speeds_of,
 )
-from deltac.trajectories.formats.mapping import LogMapping
+from deltac.trajectories.formats.mapping import TABLES, LogMapping
 from deltac.trajectories.formats.meaning import Basis, Meaning
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.recognition import recognise
@@ -38,7 +38,6 @@ from deltac.trajectories.trajectory import (
     BY_LAW,
     FRAMES,
     LEFT_OUT,
-    FloatArray,
     Provenance,
     Trajectory,
     rounded_clock,
@@ -456,7 +455,7 @@ class LogReading:
         return f"{{ {entry} }}  # {why}" + ("" if text else f"; {si or 'SI'} assumed")
 
 
-_ORDER = ("time", "q", "u", "udot", "force", "work", "integral")
+_ORDER = tuple(_PURPOSES)
 
 
 def _kind(target: str) -> str:
@@ -519,9 +518,8 @@ def _line(target: str, guess: Meaning | None, unused: Sequence[str]) -> str:
         step = f"{guess.step:g}" if guess is not None else "0.01"
         return f"[log] time = {{ step = {step} }} (s from row to row)"
     column = guess.column if guess is not None else next(iter(unused), "…")
-    table = {"q": "coordinates", "u": "speeds", "time": "log"}.get(kind, "log")
-    key = "time" if kind == "time" else json.dumps(name, ensure_ascii=False)
-    return f"[{table}] {key} = {{ column = {json.dumps(column, ensure_ascii=False)} }}"
+    table, key = ("log", "time") if kind == "time" else (TABLES[kind], _quoted(name))
+    return f"[{table}] {key} = {{ column = {_quoted(column)} }}"
 
 
 def _purpose(target: str) -> str:
@@ -630,7 +628,7 @@ def _check_mixed(readings: list[ColumnReading]) -> None:
             )
 
 
-def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str, FloatArray]:
+def _ordered(columns: dict[str, Array], names: MechanismNames) -> dict[str, Array]:
     """The columns in the mechanism's order, for the order of a foreign file means nothing."""
     order = [f"q.{n}" for n in names.coordinates]
     order += [f"{prefix}.{n}" for prefix in ("u", "udot") for n in names.speeds]
@@ -638,7 +636,7 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
     return dict(sorted(columns.items(), key=lambda item: place.get(item[0], len(place))))
 
 
-def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, FloatArray]) -> None:
+def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Array]) -> None:
     """LogError where laws of t tell coordinates, and the log's times may not be those of the laws."""
     laws = {r.meaning: r.law for r in readings if r.law is not None}
     time_dependent = [name for name, law in laws.items() if "t" in symbol_names(law)]
@@ -648,7 +646,7 @@ def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Floa
     t = columns["time"]
     start = float(t[0]) if len(t) else 0.0
     if abs(start) > ROUGHLY * float(np.ptp(t)):
-        name, offset = json.dumps(clock.column, ensure_ascii=False), -start / clock.factor
+        name, offset = _quoted(clock.column), -start / clock.factor
         raise LogError(
             f"no column {time_dependent[0]!r}: the law of its prescribed joint is one of the model's time t, "
             f"and the log's times begin at {start:.9g} s. Add it, or say in a mapping file which time "
@@ -658,9 +656,7 @@ def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Floa
         )
 
 
-def _complete(
-    columns: dict[str, FloatArray], rows: bool
-) -> tuple[dict[str, FloatArray], dict[str, str]]:
+def _complete(columns: dict[str, Array], rows: bool) -> tuple[dict[str, Array], dict[str, str]]:
     """The columns without `rows` in which a value is missing, and a note that says which.
 
     Accelerations in which values are missing are left out themselves: the rows tell more than they do. What
@@ -690,9 +686,9 @@ def _complete(
     return {name: values[complete] for name, values in columns.items()}, {LEFT_OUT: remark}
 
 
-def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
+def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, Array]:
     """The columns (T,) of the log schema in SI units; InputError when their lengths differ."""
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, Array] = {}
     counted = sorted(
         (r for r in readings if r.meaning and r.column), key=lambda r: r.meaning != "time"
     )
@@ -743,9 +739,7 @@ def _unlogged(columns: Collection[str], names: MechanismNames) -> list[str]:
     return unlogged
 
 
-def in_schema_frames(
-    columns: dict[str, FloatArray], frames: Mapping[str, str]
-) -> dict[str, FloatArray]:
+def in_schema_frames(columns: dict[str, Array], frames: Mapping[str, str]) -> dict[str, Array]:
     """Velocities, accelerations and forces of floating bodies, from the frames in which a log has them.
 
     `frames`: column of the schema -> "body" or "world". Linear ones go to world components, angular ones to
@@ -801,14 +795,7 @@ def _place(kind: str, name: str, names: MechanismNames) -> tuple[str, str]:
         speed = speed_of_force(name, names)
         channel = name.removesuffix(f".{speed}")
         return f"forces.{_quoted(channel)}", _quoted(speed)
-    tables = {
-        "q": "coordinates",
-        "u": "speeds",
-        "udot": "accelerations",
-        "work": "works",
-        "integral": "integrals",
-    }
-    return tables[kind], _quoted(name)
+    return TABLES[kind], _quoted(name)
 
 
 def _quoted(text: str) -> str:

@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, NEGLIGIBLE, ROUGHLY
+from deltac.arrays import LONG_LOG, NEGLIGIBLE, ROUGHLY, Array
 from deltac.trajectories.columns import QUATERNION, MechanismNames, RateNames, si_unit
 from deltac.trajectories.formats.floating import (
     Floating,
@@ -56,7 +56,6 @@ from deltac.trajectories.motion import (
     Movement,
     preferred,
 )
-from deltac.trajectories.trajectory import FloatArray
 
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     (kind, frozenset(several.split()))
@@ -142,12 +141,12 @@ class _Search:
         text = self.raw.units.get(column) or column_unit(column, si)
         return text if text and si and converts(text, si) else None
 
-    def values(self, column: str, si: str | None = None) -> FloatArray:
+    def values(self, column: str, si: str | None = None) -> Array:
         """The values of a column in SI units, from its unit; of any kind if `si` is None."""
         text = self.unit(column, si) if si else self.raw.units.get(column) or column_unit(column)
         return (unit(text).factor if text else 1.0) * self.raw.columns[column]
 
-    def misfit(self, t: FloatArray, columns: Mapping[str, str]) -> float | None:
+    def misfit(self, t: Array, columns: Mapping[str, str]) -> float | None:
         """How far coordinates do not move as their speeds say, as a share of how far they move.
 
         `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
@@ -157,7 +156,7 @@ class _Search:
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
         kinematics = RateNames.of(coordinates, speeds)
 
-        def table(targets: Sequence[str]) -> FloatArray | None:
+        def table(targets: Sequence[str]) -> Array | None:
             if not all(columns.get(target) in self.raw.columns for target in targets):
                 return None
             each = [self.values(columns[n], si_unit(n, self.names))[rows] for n in targets]
@@ -186,7 +185,7 @@ class _Search:
         worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
         return float(difference / size) if worst < CLEAR_RATIO else max(worst, CLEAR_RATIO)
 
-    def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
+    def agrees(self, t: Array, columns: Mapping[str, str]) -> bool:
         """Whether coordinates move as their speeds say."""
         misfit = self.misfit(t, columns)
         return misfit is not None and misfit < ROUGHLY
@@ -251,7 +250,7 @@ def _last_part(column: str) -> tuple[str, ...]:
     return words if words in (("t",), ("time",)) else ()
 
 
-def _increases(values: FloatArray) -> bool:
+def _increases(values: Array) -> bool:
     finite = values[~np.isnan(values)]
     return bool(len(finite) and np.all(np.diff(finite) > 0.0))
 
@@ -275,7 +274,7 @@ def _clock(s: _Search) -> Iterator[Meaning]:
         yield Meaning("time", "", f"{word!r} says that rows are {step:g} s apart", "guess", step)
 
 
-def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
+def _clocks(s: _Search) -> Iterator[tuple[Meaning, Array]]:
     """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
     if "time" in s.meanings:
         yield s.meanings["time"], s.values(s.meanings["time"].column, "s")
@@ -554,9 +553,7 @@ def _widths(s: _Search, kind: str) -> list[list[str]]:
     return [every, rest] if len(s.floating) == 1 and rest else [every]
 
 
-def arrays_named(
-    columns: Mapping[str, FloatArray], names: Sequence[str], width: int
-) -> list[FloatArray]:
+def arrays_named(columns: Mapping[str, Array], names: Sequence[str], width: int) -> list[Array]:
     """Arrays (T, n) that are called one of the names, the first that is there, and have so many columns."""
     for name in names:
         fitting = [c for n, c in arrays_of(columns).items() if key(n) == name and len(c) == width]
@@ -670,7 +667,7 @@ _SECONDS = (1.0, 1e-3, 1e-6, 1e-9)
 
 
 def _of_floating(
-    s: _Search, base: Floating, joint: str, alike: Sequence[Layout], t: FloatArray
+    s: _Search, base: Floating, joint: str, alike: Sequence[Layout], t: Array
 ) -> Iterator[Meaning]:
     """Columns of a floating body, and those of the joints that stand in its arrays.
 

@@ -26,13 +26,12 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arrays import ROUGHLY
+from deltac.arrays import ROUGHLY, Array
 from deltac.errors import FileError, LogError, requirement
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import WIDEST, Budget, Collector, RawLog, damage_named
 from deltac.trajectories.rates import FEWEST_ROWS, GAP, continuous
-from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 _JOINT_PARTS = ("position", "velocity", "effort")
@@ -65,7 +64,7 @@ class _Numbers:
     stamps: list[int] = field(default_factory=list)
     rows: list[dict[str, float]] = field(default_factory=list)
 
-    def table(self) -> tuple[npt.NDArray[np.int64], dict[str, FloatArray]]:
+    def table(self) -> tuple[npt.NDArray[np.int64], dict[str, Array]]:
         """Stamps that increase (T,), ns, and the columns that are in all messages."""
         stamps, first = np.unique(np.array(self.stamps, dtype=np.int64), return_index=True)
         names = [name for name in self.rows[0] if all(name in row for row in self.rows)]
@@ -178,7 +177,7 @@ def _log(messages: Iterator[Message], size: int) -> RawLog:
     return _merged(collector, _add(collector, one, "", min(one.stamps)), one.topic, tables)
 
 
-Tables: TypeAlias = Mapping[str, tuple[npt.NDArray[np.int64], dict[str, FloatArray]]]
+Tables: TypeAlias = Mapping[str, tuple[npt.NDArray[np.int64], dict[str, Array]]]
 """Topic -> stamps, ns, and columns."""
 
 
@@ -209,7 +208,7 @@ def _merged(
     collector: Collector, stamps: npt.NDArray[np.int64], main: str, tables: Tables
 ) -> RawLog:
     """The log with other topics at the times of the main one, which ends where these end."""
-    fitting: dict[str, tuple[npt.NDArray[np.int64], dict[str, FloatArray]]] = {}
+    fitting: dict[str, tuple[npt.NDArray[np.int64], dict[str, Array]]] = {}
     resampled: dict[str, str] = {}
     first, last = 0, len(stamps)
     for topic, (times, columns) in tables.items():
@@ -234,8 +233,8 @@ def _merged(
 
 
 def _interpolated(
-    times: npt.NDArray[np.int64], columns: Mapping[str, FloatArray], at: npt.NDArray[np.int64]
-) -> dict[str, FloatArray]:
+    times: npt.NDArray[np.int64], columns: Mapping[str, Array], at: npt.NDArray[np.int64]
+) -> dict[str, Array]:
     """Columns at other times, by cubic splines; as they are at times of their own.
 
     They are missing (NaN) where the topic paused: a spline knows nothing of what happened there.
@@ -253,7 +252,7 @@ def _interpolated(
             p = continuous(np.column_stack([columns[part] for part in parts]))
             smooth |= dict(zip(parts, p.T, strict=True))
     seconds, targets = (times - times[0]) / 1e9, (at - times[0]) / 1e9
-    values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(targets)
+    values: Array = CubicSpline(seconds, np.column_stack(list(smooth.values())))(targets)
     steps = np.diff(times)
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(steps) - 1)
     values[(steps[before] > GAP * np.median(steps)) & ~np.isin(at, times)] = np.nan

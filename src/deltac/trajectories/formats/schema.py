@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import Array
 from deltac.errors import (
     FileError,
     InputError,
@@ -35,8 +36,9 @@ from deltac.errors import (
 )
 from deltac.mechanism.channels import ChannelName
 from deltac.results import plain
+from deltac.trajectories.numbers import as_numbers
 from deltac.trajectories.occurrences import Occurrence
-from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
+from deltac.trajectories.trajectory import MAPPINGS, Provenance, Trajectory
 
 SCHEMA_VERSION = 1
 """Raised whenever a reader of the version before would misread or refuse the new one."""
@@ -98,7 +100,7 @@ def is_schema_name(column: str) -> bool:
     return column == "time" or (column.startswith(_PREFIXES) and not column.endswith("."))
 
 
-def to_columns(run: Trajectory) -> dict[str, FloatArray]:
+def to_columns(run: Trajectory) -> dict[str, Array]:
     """The columns (T,) of a trajectory, in the order of the schema.
 
     Raises InputError in the rare case that two forces would share one column, as channel
@@ -156,7 +158,7 @@ def from_columns(
             "edited. Take the complete one, or remove its deltac metadata to use it as it is."
         )
 
-    def table(prefix: str, names: tuple[str, ...]) -> FloatArray:
+    def table(prefix: str, names: tuple[str, ...]) -> Array:
         result = np.zeros((*rows, len(names)))
         for index, name in enumerate(names):
             if (column := arrays.get(f"{prefix}.{name}")) is not None:
@@ -338,7 +340,7 @@ def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
     return Provenance(**{"simulator": "unknown", **entries})
 
 
-def _read_events(metadata: Mapping[str, Any] | None, t: FloatArray) -> tuple[Occurrence, ...]:
+def _read_events(metadata: Mapping[str, Any] | None, t: Array) -> tuple[Occurrence, ...]:
     """The events of the header within the rows that are there: a log may be read in parts."""
     if metadata is None or "events" not in metadata or not t.size:
         return ()

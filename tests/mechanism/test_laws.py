@@ -18,7 +18,6 @@ from deltac.mechanism.laws import (
     as_law,
     check_symbols,
     evaluate,
-    is_smooth,
     q,
     rate,
     symbol_names,
@@ -139,27 +138,6 @@ def test_check_symbols() -> None:
         check_symbols(law, [], WHERE)
 
 
-@pytest.mark.parametrize(
-    ("text", "smooth"),
-    [
-        ("1", True),
-        ("sin(t)*exp(k)/(1 + t**2) + tanh(t) - log(k)", True),
-        ("sqrt(t)", True),
-        ("abs(t)**2", True),  # SymPy's own: t**2
-        ("1 + abs(t)", False),
-        ("sqrt(t**2)", False),
-        ("sign(t)", False),
-        ("min(t, 1)", False),
-        ("max(t, 1)", False),
-        ("sin(where(t < 1, 0, t))", False),
-        ("atan2(t, k)", False),
-        ("atan(t/k)", True),
-    ],
-)
-def test_is_smooth(text: str, smooth: bool) -> None:
-    assert is_smooth(parse(text, WHERE)) is smooth
-
-
 def test_evaluate() -> None:
     law = parse("k*sin(t) + max(t, 0)", WHERE)
     assert evaluate(law, {"k": 2.0, "t": 0.5, "unused": 0.0}) == 2.0 * math.sin(0.5) + 0.5
@@ -199,7 +177,7 @@ def test_rate_leaves_no_impulse() -> None:
 def test_numbers_do_not_load_sympy() -> None:
     code = (
         "import sys, deltac.mechanism.laws as laws; law = laws.as_law(2, 'x');"
-        "assert laws.is_smooth(law) and not laws.symbol_names(law) and laws.rate(law) == 0.0;"
+        "assert not laws.symbol_names(law) and laws.rate(law) == 0.0;"
         "laws.check_symbols(law, [], 'x'); assert laws.evaluate(law, {}) == 2.0;"
         "assert 'sympy' not in sys.modules; laws.t; assert 'sympy' in sys.modules"
     )

@@ -30,10 +30,8 @@ from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, WrongType
 from deltac.mechanism.expressions import (
     ALLOWED,
-    RELATIONS,
     Expr,
     Law,
-    nodes_of,
     problem_of,
     real_value,
     symbol_of,
@@ -58,9 +56,6 @@ VectorLike: TypeAlias = Sequence[LawLike] | NDArray[Any]
 
 LawsLike: TypeAlias = LawLike | VectorLike
 """What users may give for one law, or for one of each coordinate."""
-
-
-_KINKED = frozenset(["Abs", "sign", "Min", "Max", "Piecewise", "atan2", *RELATIONS])
 
 
 def time() -> Expr:
@@ -167,17 +162,6 @@ def check_symbols(law: Law, allowed: Collection[str], where: str) -> None:
         hint = f"; did you mean {match[0]!r}?" if match else ""
         may = ", ".join(sorted(allowed)) or "nothing: it must be a number"
         raise UnknownName(f"{where}: unknown symbol {name!r}{hint}; the law may depend on {may}")
-
-
-def is_smooth(law: Law) -> bool:
-    """Whether the law is analytic where it is defined, as far as its form shows.
-
-    Abs, sign, Min, Max, Piecewise, comparisons and atan2 (which jumps by 2 pi) are not. The base of
-    a power that is not an integer counts as positive: sqrt(x) is smooth, sqrt(x**2) is Abs(x).
-    """
-    return isinstance(law, float | Polynomial) or not any(
-        type(node).__name__ in _KINKED for node in nodes_of(law)
-    )
 
 
 def evaluate(law: Law, values: Mapping[str, float]) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 
 from deltac.arrays import Array, max_norm
 from deltac.calls.interrupts import waiting
+from deltac.dynamics.forces import channels
 from deltac.errors import SolverError, requirement
-from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import StateFlow
 from deltac.simulation.stepping.protocol import CHUNK, FinishedStates, Step, StepGrid, Stepper
 
@@ -183,19 +183,22 @@ def _taylor_method(
 
 def _require_smooth(flow: StateFlow, function: Any) -> None:
     """InputError if ẋ, as a function, has a kink anywhere, naming the law where one is to blame."""
-    kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
-    if not any(function.instruction_id(k) in kinked for k in range(function.n_instructions())):
+    if not _has_kink(function):
         return
-    where = "the equations of motion"
-    for element in flow.system.mechanism.elements:
-        for value in vars(element).values():
-            laws = value if isinstance(value, tuple) else (value,)
-            if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in laws):
-                where = f"a law of {type(element).__name__} {element.name!r}"
-    for joint in flow.system.mechanism.joints:
-        if any(hasattr(law, "free_symbols") and not is_smooth(law) for law in joint.motion):
-            where = f"the motion of joint {joint.name!r}"
+    system, where = flow.system, "the equations of motion"
+    laws = {f"the force of channel {str(c.name)!r}": c.force for c in channels(system)}
+    for joint in system.mechanism.joints:
+        laws[f"the motion of joint {joint.name!r}"] = ca.SX(system.vector(joint.motion))
+    for name, law in laws.items():
+        if _has_kink(ca.Function("law", ca.symvar(law), [law])):
+            where = name
     raise SolverError(
         f"the Taylor solver needs smooth equations; {where} may have a kink or jump (abs, sign, min, max, "
         "where, a comparison; the spring of a quaternion). Use Taylor(switches=True), 'ode5' or 'DOP853'"
     )
+
+
+def _has_kink(function: Any) -> bool:
+    """Whether a function has an operation with a kink or a jump."""
+    kinked = {getattr(ca, f"OP_{name}") for name in KINKED}
+    return any(function.instruction_id(k) in kinked for k in range(function.n_instructions()))

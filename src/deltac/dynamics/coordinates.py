@@ -151,9 +151,7 @@ def trace_map(
             change[rest] = -solve_tall(G[:, rest], violation)
             return change
 
-        u = ca.SX.zeros(len(u_names))
-        u[places] = speeds
-        u[rest] = -solve_tall(G[:, rest], psi + ca.mtimes(G[:, places], speeds))
+        u = _completed(G, psi, places, rest, speeds)
     else:
         u = speeds
     Y = ca.jacobian(u, own_u)
@@ -166,9 +164,11 @@ def trace_map(
         own_qdot = own_u
     else:
         own_qdot = solve_tall(Jq, ca.mtimes(W, u) - q_t)
-    inverse = (
-        _inverse(system, coordinate_map, own_q, q, Jq, values, q_names) if mapped else system.q
-    )
+    inverse: SX | None = system.q
+    if mapped and coordinate_map.inverse:
+        inverse = _laws_of_state(system, coordinate_map, values, q_names)
+    elif mapped:
+        inverse = _solved(q, own_q, system.q)
     names = coordinate_map.speeds or tuple(own_names)
     return OwnCoordinates(
         own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, reported, removal, names
@@ -204,19 +204,18 @@ def _user_q(
     y = ca.SX.sym("y", len(coordinate_map.coordinates))
     of_y = {**values, **{f"q.{name}": y[k] for k, name in enumerate(coordinate_map.coordinates)}}
     laws = ca.vertcat(*(to_casadi(law, of_y) for law in q_laws.values()))
-    slope = ca.jacobian(laws, y)
-    if slope.shape[0] != slope.shape[1] or ca.depends_on(slope, y):
+    for name in q_laws:
+        if name not in q_names:
+            raise UnknownName(f"the coordinate map: {name!r} is prescribed{closest(name, q_names)}")
+    values_at_state = ca.vertcat(*(system.q[list(q_names).index(name)] for name in q_laws))
+    own_q = _solved(laws, y, values_at_state)
+    if own_q is None:
         raise ModelError(
             f"the coordinate map gives {', '.join(q_laws)} by {', '.join(coordinate_map.coordinates)}, "
             "and how these follow from the mechanism's coordinates is not known; give inverse= with each own "
             "coordinate as a law of the mechanism's q.<coordinate>"
         )
-    for name in q_laws:
-        if name not in q_names:
-            raise UnknownName(f"the coordinate map: {name!r} is prescribed{closest(name, q_names)}")
-    offset = ca.substitute(laws, y, ca.SX.zeros(y.shape[0]))
-    values_at_state = ca.vertcat(*(system.q[list(q_names).index(name)] for name in q_laws))
-    return ca.solve(slope, values_at_state - offset)
+    return own_q
 
 
 def trace_split(
@@ -239,12 +238,7 @@ def trace_split(
     dependent = _dependent(system, own, columns, count - free)
     independent = [k for k in range(count) if k not in dependent]
     small = ca.SX.sym("own_u", len(independent))
-    full = ca.SX.zeros(count)
-    full[independent] = small
-    full[dependent] = -solve_tall(
-        columns[:, dependent], rest + ca.mtimes(columns[:, independent], small)
-    )
-    u = ca.mtimes(own.Y, full) + own.Z
+    u = ca.mtimes(own.Y, _completed(columns, rest, independent, dependent, small)) + own.Z
     return replace(
         own,
         own_u=small,
@@ -318,21 +312,20 @@ def solve_tall(A: SX, b: SX) -> SX:
     return ca.solve(ca.mtimes(A.T, A), ca.mtimes(A.T, b))
 
 
-def _inverse(
-    system: System,
-    coordinate_map: CoordinateMap,
-    own_q: SX,
-    q: SX,
-    Jq: SX,
-    values: Mapping[str, SX],
-    q_names: Sequence[str],
-) -> SX | None:
-    if coordinate_map.inverse:
-        return _laws_of_state(system, coordinate_map, values, q_names)
-    if ca.depends_on(Jq, own_q) or Jq.shape[0] != Jq.shape[1]:
+def _completed(G: SX, psi: SX, places: list[int], rest: list[int], speeds: SX) -> SX:
+    """All speeds by those at `places`: the `rest` is such that G u + ψ = 0."""
+    u = ca.SX.zeros(G.shape[1])
+    u[places] = speeds
+    u[rest] = -solve_tall(G[:, rest], psi + ca.mtimes(G[:, places], speeds))
+    return u
+
+
+def _solved(laws: SX, y: SX, values: SX) -> SX | None:
+    """The y at which laws that are linear in it, as many, have these values; None for other laws."""
+    slope = ca.jacobian(laws, y)
+    if slope.shape[0] != slope.shape[1] or ca.depends_on(slope, y):
         return None
-    offset = ca.substitute(q, own_q, ca.SX.zeros(own_q.shape[0]))
-    return ca.solve(Jq, system.q - offset)
+    return ca.solve(slope, values - ca.substitute(laws, y, ca.SX.zeros(y.shape[0])))
 
 
 def _laws_of_state(

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import HALF_DIGITS, SMALL_SHARE, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
+from deltac.dynamics.singular_inertia import unit_diagonal
 from deltac.kernels import to_mpmath
 
 DECIMAL_DIGITS = 4 * sys.float_info.dig
@@ -38,19 +39,13 @@ NEARBY = 1e-2
 
 def condition(M: Array, G: Array) -> float:
     """The larger of the condition numbers of M (p, p) and of G M⁻¹ Gᵀ, each scaled to a unit diagonal."""
-    scaled, size = _scaled(M)
+    scaled, size = unit_diagonal(M)
     values, vectors = np.linalg.eigh(scaled)
     worst = _ratio(values)
     if len(G):
         rows = (G / size) @ vectors / np.sqrt(np.maximum(values, values[-1] * 1e-300))
-        worst = max(worst, _ratio(np.linalg.eigvalsh(_scaled(rows @ rows.T)[0])))
+        worst = max(worst, _ratio(np.linalg.eigvalsh(unit_diagonal(rows @ rows.T)[0])))
     return worst
-
-
-def _scaled(A: Array) -> tuple[Array, Array]:
-    size = np.sqrt(np.maximum(np.diagonal(A), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
-    return A / (size[:, None] * size[None, :]), size
 
 
 def _ratio(values: Any) -> float:

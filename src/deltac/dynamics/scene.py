@@ -60,28 +60,28 @@ class TracedScene:
 
     def from_potential(self, joint: str, potential: object) -> tuple[SX, SX, SX]:
         """Of a law V(q, t) of a joint's coordinates: V, −∂V/∂q along the joint's speeds, ∂V/∂t."""
-        system = self.system
-        # Own symbols stand in for t and the joint's coordinates, which may be laws of t themselves.
-        t, q = ca.SX.sym("t"), ca.SX.sym("q", len(system.mechanism.joint(joint).coordinates))
-        names = [f"q.{name}" for name in system.mechanism.joint(joint).coordinates]
-        V = to_casadi(potential, {**system.values, "t": t, **dict(zip(names, ca.vertsplit(q)))})
-        arguments = ca.vertcat(system.q_all[system.mechanism.coordinates.of(joint)], system.t)
-        V, slope, explicit = ca.substitute(
-            [V, ca.jacobian(V, q).T, ca.jacobian(V, t)], [ca.vertcat(q, t)], [arguments]
-        )
+        system, mechanism = self.system, self.system.mechanism
+        names = [f"q.{name}" for name in mechanism.joint(joint).coordinates]
+        q = system.q_all[mechanism.coordinates.of(joint)]
+        V, force, explicit = self._from_law(potential, names, q)
         W = next(link.W for link in system.links if link.joint.name == joint)
-        return V, -ca.mtimes(W.T, slope), explicit
+        return V, ca.mtimes(W.T, force), explicit
 
     def field(self, potential: object, place: SX) -> tuple[SX, SX, SX]:
         """Of a law V(x, y, z, t) at a place (3,): V, −∂V/∂(x, y, z), ∂V/∂t."""
-        t, x = ca.SX.sym("t"), ca.SX.sym("x", 3)
+        return self._from_law(potential, "xyz", place)
+
+    def _from_law(self, potential: object, names: Sequence[str], x: SX) -> tuple[SX, SX, SX]:
+        """Of a law V(x, t), the entries of x by `names`: V, −∂V/∂x, ∂V/∂t at `x`."""
+        # Own symbols stand in for t and x, which may be laws of t themselves.
+        t, own = ca.SX.sym("t"), ca.SX.sym("x", len(names))
         V = to_casadi(
-            potential, {**self.system.values, "t": t, **dict(zip("xyz", ca.vertsplit(x)))}
+            potential, {**self.system.values, "t": t, **dict(zip(names, ca.vertsplit(own)))}
         )
         V, slope, explicit = ca.substitute(
-            [V, ca.jacobian(V, x).T, ca.jacobian(V, t)],
-            [ca.vertcat(x, t)],
-            [ca.vertcat(place, self.system.t)],
+            [V, ca.jacobian(V, own).T, ca.jacobian(V, t)],
+            [ca.vertcat(own, t)],
+            [ca.vertcat(x, self.system.t)],
         )
         return V, -slope, explicit
 

@@ -11,6 +11,13 @@ from deltac.errors import ModelError
 from deltac.mechanism.mechanism import Mechanism
 
 
+def unit_diagonal(A: Array) -> tuple[Array, Array]:
+    """Symmetric matrices (…, p, p) in units in which their diagonals are 1, and these units (…, p)."""
+    size = np.sqrt(np.maximum(np.diagonal(A, axis1=-2, axis2=-1), 0.0))
+    size = np.where(size > 0.0, size, 1.0)
+    return A / (size[..., :, None] * size[..., None, :]), size
+
+
 def without_inertia(M: Array) -> NDArray[np.intp]:
     """Speeds that take part in motions without kinetic energy, of one mass matrix (p, p).
 
@@ -18,9 +25,7 @@ def without_inertia(M: Array) -> NDArray[np.intp]:
     """
     if not np.isfinite(M).all():
         return np.zeros(0, dtype=np.intp)
-    size = np.sqrt(np.maximum(np.diagonal(M), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
-    scaled, least = M / (size[:, None] * size[None, :]), mass_rounding(len(M))
+    (scaled, _), least = unit_diagonal(M), mass_rounding(len(M))
     if np.linalg.eigvalsh(scaled).min(initial=1.0) > least:
         return np.zeros(0, dtype=np.intp)
     energies, motions = np.linalg.eigh(scaled)

@@ -93,11 +93,15 @@ def forward(
     rows, free = constrained.rows, system.free_u
     udot = ca.SX(system.at_rest)
     r = (tau - rnea(system, udot, base))[free, :]
-    alpha, beta = damping
-    gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
-    udot[free], multipliers = constrained.schur.solve(r, gamma)
+    udot[free], multipliers = constrained.schur.solve(r, stabilised(rows, damping))
     driving = driving_forces(system, udot, parts, constrained, multipliers)
     return Forward(udot, driving, multipliers)
+
+
+def stabilised(rows: ConstraintRows, damping: tuple[float, float]) -> SX:
+    """γ + 2α ψ + β² φ, which G u̇ cancels, with Baumgarte's (α, β)."""
+    alpha, beta = damping
+    return rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from deltac.arrays import Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
-from deltac.dynamics.singular_inertia import singular_inertia
+from deltac.dynamics.singular_inertia import singular_inertia, unit_diagonal
 from deltac.errors import (
     ArgumentsError,
     InputError,
@@ -149,8 +149,7 @@ def _tell_digits(
 def _contrast(mechanism: Mechanism, M: Array, *, tied: bool) -> str:
     """Which speeds move hardly any inertia of their own, in words."""
     names = mechanism.speeds.free_names
-    size = np.sqrt(np.diagonal(M))
-    values, motions = np.linalg.eigh(M / (size[:, None] * size[None, :]))
+    values, motions = np.linalg.eigh(unit_diagonal(M)[0])
     share = np.abs(motions[:, 0])
     which = [repr(names[int(k)]) for k in np.argsort(-share)[:3] if share[k] > 0.1 * share.max()]
     if values[0] > 1e-6 and not tied:

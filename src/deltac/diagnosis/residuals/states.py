@@ -24,7 +24,7 @@ from deltac.diagnosis.residuals.kane import WINDOW, Kane, any_coordinates, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
-from deltac.dynamics.singular_inertia import singular_inertia
+from deltac.dynamics.singular_inertia import singular_inertia, unit_diagonal
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, ModelError, StateError
 from deltac.foreign.limits import Limits
@@ -297,15 +297,9 @@ def admissible(kane: Kane, states: States) -> NDArray[np.bool_]:
 
 def _regular(M: Array) -> NDArray[np.bool_]:
     """Which mass matrices (B, n, n) are positive definite beyond rounding, in any units of the speeds."""
-    diagonal = np.einsum("bii->bi", M)
-    good: NDArray[np.bool_] = np.asarray(
-        np.isfinite(M).all(axis=(1, 2)) & (diagonal > 0.0).all(axis=1)
-    )
-    if good.any():
-        size = np.sqrt(diagonal[good])
-        scaled = M[good] / (size[:, :, None] * size[:, None, :])
-        good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > ROUNDED
-    return good
+    finite = np.isfinite(M).all(axis=(1, 2), keepdims=True)
+    scaled, _ = unit_diagonal(np.where(finite, M, 0.0))
+    return np.asarray(np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > ROUNDED)
 
 
 # --- states at which friction and contact show: slow slip, and shapes that just overlap ----------

@@ -15,7 +15,7 @@ from deltac.arrays import ENDLESS, ROUNDED, SMALL_SHARE, Array
 from deltac.calls.interrupts import check_interrupted
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
-from deltac.dynamics.terms import forward
+from deltac.dynamics.terms import forward, stabilised
 from deltac.simulation.flow import StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
@@ -116,9 +116,8 @@ def _implicit(flow: StateFlow) -> dict[str, Any]:
         assert flow.bound is not None
         motion = forward(flow.system, channels(flow.system), flow.bound, flow.damping)
         rows = flow.bound.rows
-        alpha, beta = flow.damping
-        target = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
-        residual = ca.vertcat(residual, ca.mtimes(rows.G, a) + target)
+        tied = ca.mtimes(rows.G, a) + stabilised(rows, flow.damping)
+        residual = ca.vertcat(residual, tied)
         start = ca.vertcat(udot, motion.multipliers)
     dae = {"t": flow.t, "x": flow.x, "z": ca.vertcat(a, lam), "p": flow.p}
     return {**dae, "ode": ode, "alg": residual, "start": start}

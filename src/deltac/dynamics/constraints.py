@@ -8,7 +8,7 @@ released system (symbols for prescribed joints) and their derivatives are exact.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -79,23 +79,11 @@ def constraint_rows(system: System) -> ConstraintRows:
     if not system.mechanism.constraints:
         return ConstraintRows.none(system)
     twin = released(system)
-    names: list[str] = []
-    holonomic: list[bool] = []
-    positions: list[SX] = []
-    rates: list[SX] = []
-    scene = TracedScene(twin)
-    for constraint in system.mechanism.constraints:
-        for phi in constraint.positions(scene):
-            names.append(constraint.name)
-            holonomic.append(True)
-            positions.append(phi)
-            rates.append(_rate(twin, phi))
-        for psi in constraint.motions(scene):
-            names.append(constraint.name)
-            holonomic.append(False)
-            positions.append(ca.SX(0))
-            rates.append(psi)
-    phi, psi = ca.vertcat(ca.SX(0, 1), *positions), ca.vertcat(ca.SX(0, 1), *rates)
+    entries = row_entries(TracedScene(twin), lambda phi: _rate(twin, phi))
+    names = tuple(name for name, *_ in entries)
+    holonomic = tuple(of_place for _, of_place, _, _ in entries)
+    phi = ca.vertcat(ca.SX(0, 1), *(phi for _, _, phi, _ in entries))
+    psi = ca.vertcat(ca.SX(0, 1), *(rate for _, _, _, rate in entries))
     G_all = ca.jacobian(psi, twin.u_all)
     b = ca.substitute(psi, twin.u_all, ca.SX.zeros(twin.u_all.shape[0]))
     # The symbols of the released system give way to the system's own.
@@ -105,13 +93,21 @@ def constraint_rows(system: System) -> ConstraintRows:
     along = ca.vertcat(system.q, system.t)
     gamma = ca.jtimes(psi, along, ca.vertcat(system.qdot, 1))
     G = ca.simplify(G_all[:, system.free_u])
-    rows = ConstraintRows(
-        tuple(names), tuple(range(len(names))), tuple(holonomic), phi, psi, G_all, G, b, gamma
-    )
+    rows = ConstraintRows(names, tuple(range(len(names))), holonomic, phi, psi, G_all, G, b, gamma)
     present = [
         k for k in range(len(names)) if ca.sparsify(G_all[k, :]).nnz() or not _vanishes(rows, k)
     ]
     return rows if len(present) == len(names) else rows.select(present)
+
+
+def row_entries(scene: TracedScene, rate: Callable[[SX], SX]) -> list[tuple[str, bool, SX, SX]]:
+    """Of each row of the constraints its name, whether it is holonomic, φ (else 0), and φ̇ or ψ."""
+    entries: list[tuple[str, bool, SX, SX]] = []
+    for constraint in scene.system.mechanism.constraints:
+        positions, motions = constraint.positions(scene), constraint.motions(scene)
+        entries += [(constraint.name, True, phi, rate(phi)) for phi in positions]
+        entries += [(constraint.name, False, ca.SX(0), psi) for psi in motions]
+    return entries
 
 
 def _vanishes(rows: ConstraintRows, k: int) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from deltac.dynamics.constraints import row_entries
 from deltac.dynamics.forces import channels_on
 from deltac.dynamics.points import PlacedPoint
 from deltac.dynamics.recursions import link_velocities
@@ -155,9 +156,6 @@ class BodyRows:
 
 def body_rows(system: System) -> BodyRows:
     """The rows of the constraints, in the symbols of a `released` system."""
-    names: list[str] = []
-    holonomic: list[bool] = []
-    rows: list[SX] = []
     x, v = (ca.SX.sym(name, 6 * len(system.mechanism.bodies)) for name in "xv")
     # Coordinates in laws have symbols of their own: where the bodies are does not depend on them here.
     q, u = (ca.SX.sym(name, column.shape[0]) for name, column in (("q", system.q), ("u", system.u)))
@@ -166,17 +164,14 @@ def body_rows(system: System) -> BodyRows:
     separate = replace(system, q_all=q, u_all=u, values={**system.values, **own})
     scene = LooseBodies(separate, x, v)
     qdot = ca.substitute(system.qdot_all, system.u, u)
-    for constraint in system.mechanism.constraints:
-        for phi in constraint.positions(scene):
-            rows.append(ca.jtimes(phi, ca.vertcat(x, q, system.t), ca.vertcat(v, qdot, 1)))
-        holonomic += [True] * (len(rows) - len(holonomic))
-        rows += constraint.motions(scene)
-        holonomic += [False] * (len(rows) - len(holonomic))
-        names += [constraint.name] * (len(rows) - len(names))
-    psi, speeds = ca.vertcat(ca.SX(0, 1), *rows), ca.vertcat(v, u)
+    along, pace = ca.vertcat(x, q, system.t), ca.vertcat(v, qdot, 1)
+    entries = row_entries(scene, lambda phi: ca.jtimes(phi, along, pace))
+    psi = ca.vertcat(ca.SX(0, 1), *(rate for _, _, _, rate in entries))
+    speeds = ca.vertcat(v, u)
     at_state = [ca.vertcat(x, speeds, q)], [ca.vertcat(0 * x, 0 * speeds, system.q)]
     J, c = ca.substitute([ca.densify(ca.jacobian(psi, speeds)), psi], *at_state)
-    return BodyRows(tuple(names), tuple(holonomic), J, c)
+    names = tuple(name for name, *_ in entries)
+    return BodyRows(names, tuple(of_place for _, of_place, _, _ in entries), J, c)
 
 
 @dataclass(frozen=True, eq=False)

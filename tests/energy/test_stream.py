@@ -49,7 +49,7 @@ def test_what_is_kept_has_the_largest_error(
 ) -> None:
     mechanism, run, path = log
     whole = dc.balance(mechanism, run, "in-loop")
-    parts, kept = balance_chunks(mechanism, scan_trajectory(path, 400, OVERLAP), "in-loop", kept=20)
+    parts, kept = balance_chunks(mechanism, scan_trajectory(path, 400, OVERLAP), "in-loop", keep=20)
     assert 20 <= len(kept) <= 30 + 4 * 6  # and in each chunk the extremes of K and V
     assert (kept.t[0], kept.t[-1]) == (run.t[0], run.t[-1])
     assert np.abs(parts.delta_c["wang"]).max() == pytest.approx(

@@ -130,7 +130,7 @@ def balance_chunks(
     work: str | None = None,
     testing: Sequence[str] | None = None,
     *,
-    kept: int = LONG_LOG,
+    keep: int = LONG_LOG,
 ) -> tuple[Ledger, Trajectory]:
     """`balance` of a log in chunks, in memory bounded by one of them.
 
@@ -140,7 +140,7 @@ def balance_chunks(
             that four divides.
         work: as for `balance`, the same for all chunks.
         testing: as for `balance`.
-        kept: about how many rows to keep: of equal parts of the log those where |ΔC| is largest.
+        keep: about how many rows, as for `balance`: of equal parts of the log those where |ΔC| is largest.
 
     Returns:
         The ledger at the rows kept, and these rows of the log. Works, ΔC and the energy exchanged are taken
@@ -151,7 +151,7 @@ def balance_chunks(
     Raises:
         InputError: as `balance`; no chunk, or chunks that do not overlap enough.
     """
-    accumulator, rows = Accumulator(mechanism, work, testing, keep=kept), list[Trajectory]()
+    accumulator, rows = Accumulator(mechanism, work, testing, keep=keep), list[Trajectory]()
     happened: dict[tuple[float, tuple[str, ...]], Occurrence] = {}
     for chunk in chunks:
         rows.append(replace(chunk.run, events=()).take(accumulator.add(chunk.run, chunk)))

@@ -231,7 +231,7 @@ class AtlasPlan(Plan):
             "skipped": self.skipped,
         }
 
-    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+    def pieces(self, rows: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Runs of a model in a simulator that follow each other, at most `chunk`.
 
         One that hangs or crashes costs few others; the next piece finds the model's equations compiled.
@@ -240,7 +240,7 @@ class AtlasPlan(Plan):
         def group(k: int) -> tuple[str, str | None]:
             return self.rows[k].setting.label, self.rows[k].setting.simulator
 
-        for _, own in groupby(missing, group):
+        for _, own in groupby(rows, group):
             for some in _batched(list(own), chunk or LONG_PIECE):
                 yield AtlasPiece(
                     tuple(self.addresses[k] for k in some), tuple(self.rows[k] for k in some)

@@ -308,19 +308,18 @@ class AuditPlan(Plan):
         models = {self.name: self.settings["model"]}
         return {"plan": self.settings, "models": models, "skipped": self.skipped}
 
-    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
-        """Logs in small pieces, episodes in larger ones of one log; each once."""
-        places = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
-        most = chunk or max(1, min(LONG_PIECE, len(places) // (PIECES_A_WORKER * workers)))
+    def pieces(self, rows: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+        """Logs in small pieces, episodes in larger ones of one log."""
+        most = chunk or max(1, min(LONG_PIECE, len(rows) // (PIECES_A_WORKER * workers)))
 
         def together(k: int) -> Any:
             """Logs go with each other, episodes with those of their log."""
             return None if self.logs[k].episode is None else self.logs[k].source
 
-        for source, group in itertools.groupby(places, together):
-            rows = list(group)
+        for source, group in itertools.groupby(rows, together):
+            of_source = list(group)
             size = most if source is None else EPISODES
-            for some in (rows[k : k + size] for k in range(0, len(rows), size)):
+            for some in (of_source[k : k + size] for k in range(0, len(of_source), size)):
                 logs, addresses = ([of[k] for k in some] for of in (self.logs, self.addresses))
                 yield AuditPiece(tuple(addresses), self.task, tuple(logs))  # type: ignore[arg-type]
 

@@ -49,8 +49,8 @@ class Plan:
             raise UnknownName(f"address {address}: the {self.kind} has no such run; see its table")
         return places[0]
 
-    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
-        """The work for some rows (places in `addresses`), each once, cut for so many workers."""
+    def pieces(self, rows: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+        """The work for some rows (places in `addresses`, of distinct ones), cut for so many workers."""
         raise NotImplementedError
 
     def command(self, piece: Piece) -> str:
@@ -112,6 +112,7 @@ class Plan:
                 else:
                     notice(message)
             missing = [k for k, address in enumerate(self.addresses) if address not in done]
+            distinct = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
             count, total = len(self.addresses) - len(missing), len(self.addresses)
 
             def advance(rows: int) -> None:
@@ -135,7 +136,7 @@ class Plan:
                 with _crew(execution, executor, store.folder) as crew:
                     execute(
                         crew,
-                        self.pieces(missing, crew.size, execution.chunk),
+                        self.pieces(distinct, crew.size, execution.chunk),
                         keep,
                         set_aside,
                         time_limit=execution.time_limit,

@@ -54,20 +54,18 @@ class SweepPlan(Plan):
         task = self.tasks[int(self.design.setting[chosen[0]])]
         return RunPiece(addresses, task, self.design.values[chosen])
 
-    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
-        """Pieces of one setting; every row once, though points may be alike."""
-        once = np.array(
-            list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1], dtype=np.intp
-        )
-        setting = self.design.setting[once]
+    def pieces(self, rows: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+        """Pieces of one setting."""
+        places = np.asarray(rows)
+        setting = self.design.setting[places]
         for one in dict.fromkeys(setting.tolist()):
-            rows = once[setting == one].tolist()
+            alike = places[setting == one].tolist()
             most = LONG_PIECE if self.spec.verb == "study" else LARGEST_PIECE
-            share = math.ceil(len(rows) / (PIECES_A_WORKER * workers))
+            share = math.ceil(len(alike) / (PIECES_A_WORKER * workers))
             # Whole vectors of any machine, and not so few that calls cost more than they do.
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
-            for first in range(0, len(rows), size):
-                yield self.piece(rows[first : first + size])
+            for first in range(0, len(alike), size):
+                yield self.piece(alike[first : first + size])
 
     def piece_at(self, address: str) -> RunPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""

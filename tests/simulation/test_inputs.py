@@ -135,9 +135,9 @@ def test_a_law_that_is_not_defined_at_the_start() -> None:
 @pytest.mark.parametrize(
     ("force", "joint", "blamed"),
     [
-        (dc.forces.joint_torque("motor", "hinge", "sign(u.hinge)"), {}, "JointTorque 'motor'"),
+        (dc.forces.joint_torque("motor", "hinge", "sign(u.hinge)"), {}, "channel 'actuator motor'"),
         (None, {"motion": "abs(sin(t))"}, "motion of joint 'hinge'"),
-        (None, {"damping": "Max(0, u.hinge)"}, "JointDamper 'hinge'"),
+        (None, {"damping": "Max(0, u.hinge)"}, "channel 'damper hinge'"),
     ],
 )
 def test_taylor_refuses_kinks_and_says_where(

@@ -441,37 +441,32 @@ def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:
 def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
-    By those it arrives at the same rows as far as their noise tells, and the flow does not. Methods of order
-    two and more are of forces that are functions of time, straight or smooth between rows; those that keep
-    their values over several rows are held.
+    By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
+    forces at several instants of a step takes them as functions of time; those that keep their values over
+    several rows are held.
     """
     at, point, method = comparison.at, comparison.point, comparison.methods[0]
     forces, log, plant = point.forces, point.log, point.flow.plant
-    if method.holding or method is EXACT or not forces.kinds:
+    if method.order > 1 or method.holding or not forces.kinds:
         return
     if point.run.provenance.held is not None:
         return
 
     @cache
-    def arrival(by: InterpolatedForces) -> Rows | None:
-        """The rows that the method makes of those before; None where it makes none."""
+    def arrival(by: InterpolatedForces) -> Rows:
+        """The rows that the method makes of those before."""
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
-        made = next(maps(plant, own, force, comparison.counts, 1, [method]), None)
-        return None if made is None else made.end
+        return next(maps(plant, own, force, comparison.counts, 1, [method])).end
 
-    held = ("step",) if forces.several else ("start", "ramp")
-    for kind in (*(held if method.order == 1 else ("ramp",)), "smooth"):
-        each = zip(forces.kinds, forces.stairs, strict=True)
-        other = forces.of([own if stair else kind for own, stair in each])
+    for kind in ("step", "smooth") if forces.several else ("start", "ramp", "smooth"):
+        own = zip(forces.kinds, forces.stairs, strict=True)
+        other = forces.of([held if stair else kind for held, stair in own])
         nodes = np.linspace(0.0, 1.0, 5)
         change = np.stack([other.between(s) - forces.between(s) for s in nodes])
         if not change.any():
             continue
-        rows, others = arrival(forces), arrival(other)
-        if rows is None or others is None:
-            continue
-        apart = point.model.difference(rows, others)
+        apart = point.model.difference(arrival(forces), arrival(other))
         if 0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN:
             yield -HALF * log.running(at.work(point.flow.moved_by_forces(change)))
 

@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.diagnosis.inference.comparison import compared
+from deltac.diagnosis.inference.linearisation import start
 from deltac.diagnosis.inference.model import LogModel
+from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from tests.support.slow import repeated
 
@@ -155,3 +158,52 @@ def test_a_wrong_damper_is_found(name: str) -> None:
     told = {("damping", "turn"): BRAKE, ("mass-scale", "all bodies"): 1.1}
     # Rows are exact, and the equations linear in it.
     assert cause.size == pytest.approx(told[cause.kind, cause.element], rel=1e-6)
+
+
+def in_all_coordinates(rows: list[int], h: float = 1e-2) -> dc.Trajectory:
+    """Some rows of the ladder under a torque held over each step, by Lagrange's multipliers and RK4."""
+    M = np.diag([FOOT + ROD, INERTIA, HEAD])
+
+    def rate(x: np.ndarray, torque: float) -> np.ndarray:
+        u, s, c = x[3:], LENGTH * np.sin(x[1]), LENGTH * np.cos(x[1])
+        G = np.array([[1.0, -c, 0.0], [0.0, s, 1.0]])
+        force = np.array([0.0, torque - BRAKE * u[1], -HEAD * GRAVITY])
+        both = np.block([[M, -G.T], [G, np.zeros((2, 2))]])
+        a = np.linalg.solve(both, np.concatenate([force, -(u[1] ** 2) * np.array([s, c])]))
+        return np.concatenate([u, a[:3]])
+
+    s, c, w = np.sin(0.5), np.cos(0.5), 0.3
+    x = np.array([LENGTH * s, 0.5, LENGTH * c, w * LENGTH * c, w, -w * LENGTH * s])
+    states = list[np.ndarray]()
+    for k in range(rows[-1] + 1):
+        follow = 3.0 * np.sin(7.0 * k * h) - 1.2 * x[4] - 6.0 * (x[1] - 0.6)
+        torque = float(follow - HEAD * GRAVITY * LENGTH * np.sin(x[1]))
+        states.append(np.r_[k * h, x, torque])
+        k1 = rate(x, torque)
+        k2 = rate(x + h / 2 * k1, torque)
+        k3 = rate(x + h / 2 * k2, torque)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3, torque))
+    t, q, u, force = np.split(np.array(states)[rows], (1, 4, 7), axis=1)
+    names = ("floor", "turn", "wall")
+    forces = {"actuator m": force * (np.arange(3) == 1)}
+    return dc.Trajectory(t=t[:, 0], q=q, u=u, coordinates=names, speeds=names, forces=forces)
+
+
+def test_what_forces_do_between_rows_is_no_correction_of_a_constraint() -> None:
+    """Little of a torque in steps that were left out is along the impulses of the constraints."""
+    steps = np.random.default_rng(0).choice([1, 2, 3, 7], p=[0.4, 0.3, 0.2, 0.1], size=90)
+    run = in_all_coordinates([0, *np.cumsum(steps).tolist()])
+    model = LogModel(ladder(), run)
+    log = observations(model, run, len(run))
+    assert log is not None
+    comparison = compared(start(model, run, log).with_columns())
+    across, flow, lost = comparison.across, comparison.point.flow, comparison.point.lost
+    assert across is not None and lost.sum() > 30
+    speeds = across[:, 3:, 3:]
+    impulses = flow.plant.impulses(flow.end.t, flow.end.q)
+    assert speeds @ impulses == pytest.approx(impulses, abs=1e-12 * np.abs(impulses).max())
+    by_torque = flow.force_responses[0]
+    taken = (speeds @ by_torque[:, :, None])[:, :, 0]
+    share = np.linalg.norm(taken, axis=1) / np.linalg.norm(by_torque, axis=1)
+    # By the noise of the rows alone it would be two thirds.
+    assert share[lost].max() < 0.1

@@ -524,11 +524,12 @@ def _ordered(
     That is by the columns that the chosen causes leave of its own: exact for a cause that is linear in its
     numbers.
     """
-    beside, rows, least = [], 0.0, 0.0
+    alone, beside, rows, least = [], [], 0.0, 0.0
     for block in blocks:
         p, now = block.projected, best.coefficients
         variance = block.misfit(now) / block.count
         A, b = p.A / variance, p.slope(now) / variance
+        alone.append((A, b))
         if best.chosen:
             to = A @ best.tangent
             inner = np.linalg.pinv(best.tangent.T @ to, rcond=SAME, hermitian=True)
@@ -537,7 +538,7 @@ def _ordered(
         rows += block.count
         least += block.least / variance
 
-    gains = _gains(beside, _stacked(tuple(candidates)), len(candidates))
+    gains = _gains(alone, _stacked(tuple(candidates)), len(candidates))
     promising = list[Candidate]()
     for k in np.argsort(-gains, kind="stable").tolist():
         c = candidates[k]

@@ -497,7 +497,8 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
     rows_alone = method and (method.order == 1 or of_rows)
     if rows_alone and point.run.provenance.held is None:
         moved = held_as_in(comparison)
-        comparison = comparison if moved is comparison.point else compared(moved)
+        if moved is not comparison.point:  # by which the right method makes the same rows
+            comparison = _likelier(compared(moved), comparison)
     return comparison
 
 
@@ -756,7 +757,7 @@ def _with_further(built: HypothesisComparison, point: Point) -> HypothesisCompar
         point = point.with_flow(forces=built.point.forces).with_noise_of_rows()
     for _ in range(RELINEARISATIONS):
         block, best = built.blocks[0], built.posterior.best
-        if not best.chosen or _nothing_left(built) or built.closing:
+        if not best.chosen or _nothing_left(built) or built.closing or built.excess <= KNOWN:
             break
         own = {c.name for c in best.chosen}
         sets = [*mistakes_of_one_kind(built.at, built.rows), with_more(built.at, block, best)]

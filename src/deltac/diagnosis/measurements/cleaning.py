@@ -194,7 +194,7 @@ def _at_knots(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]
             "interpolated-rows",
             "rows lie on straight lines between states of the solver",
             f"{int(chords.sum())} of {len(run)} rows are on chords, which meet in {len(rows)} states",
-            "These were judged. Log the solver's own steps, or its interpolant",
+            "The states were judged. Log the solver's own steps, or its interpolant",
         )
     ]
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import deltac as dc
@@ -108,6 +109,34 @@ def test_rows_on_chords_give_back_the_states_between_which_they_lie(
         rate = np.gradient(x, states.t, axis=0)[nearest]
         off = np.abs(getattr(made.run, own) - x[nearest])
         assert np.all(off <= exact + np.abs(along * rate) * 2.0)
+
+
+def test_rows_on_chords_of_an_adaptive_solver_beside_a_joint_at_rest() -> None:
+    """A pendulum that SciPy swung, by `np.interp`; its cart is locked."""
+    length, drag = 0.8, 0.2
+    mechanism = dc.Mechanism(
+        [dc.point_mass("cart", 1.0), dc.point_mass("bob", 1.0)],
+        [
+            dc.prismatic("rail", "ground", "cart", "z"),
+            dc.revolute("pin", "cart", "bob", child_position=(0, length, 0), damping=drag),
+        ],
+        gravity=(0, -9.81, 0),
+    )
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -(drag * y[1] + 9.81 * length * np.sin(y[0])) / length**2]
+
+    made = solve_ivp(rate, (0.0, 4.0), [0.8, 0.0], "RK45", rtol=1e-5)
+    t = np.arange(0.0, 4.0, 0.01)
+    q, u = (np.column_stack([0.0 * t, np.interp(t, made.t, y)]) for y in made.y)
+    names = ("rail", "pin")
+    run = cleaned(mechanism, Trajectory(t=t, q=q, u=u, coordinates=names, speeds=names)).run
+    nearest = np.abs(made.t[:, None] - run.t).argmin(axis=0)
+    assert len(run) >= len(made.t) - 2  # but for the ends
+    assert run.t == pytest.approx(made.t[nearest], abs=1e-12)
+    assert np.column_stack([run.q[:, 1], run.u[:, 1]]) == pytest.approx(
+        made.y.T[nearest], abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("what", ["q", "u"])

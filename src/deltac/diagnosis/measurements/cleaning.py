@@ -163,6 +163,7 @@ def _at_knots(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]
     x, half = (np.hstack(of) for of in ((run.q, run.u), (digits["q"].half(), digits["u"].half())))
     rates = np.diff(x, axis=0) / h[:, None]
     slack = CHORD * (half + EPS * np.abs(t).max() * np.abs(rates).max(axis=0))
+    slack = np.maximum(slack, 1e-150)  # of columns that are zero
     share = (h[:-1] / (h[:-1] + h[1:]))[:, None]
     bend = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
     straight = np.all(np.abs(bend) <= slack[1:-1], axis=1)

@@ -497,8 +497,11 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
     rows_alone = method and (method.order == 1 or of_rows)
     if rows_alone and point.run.provenance.held is None:
         moved = held_as_in(comparison)
-        if moved is not comparison.point:  # by which the right method makes the same rows
-            comparison = _likelier(compared(moved), comparison)
+        other = comparison if moved is comparison.point else compared(moved)
+        # The right method makes the same rows by them.
+        same = bool(other.maps) and other.methods[0].name == comparison.methods[0].name
+        if same or comparison.methods[0].order == 1:
+            comparison = other
     return comparison
 
 

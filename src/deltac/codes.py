@@ -106,7 +106,7 @@ FINDINGS: dict[str, str] = {
     "time-limit": "an audit left out what its verdict can do without, since its time limit had passed",
     "not-replayed": "a log of a MuJoCo model that lacks forces could not be stepped again between its rows",
     "duplicated-rows": "rows repeat the previous row although the motion continues",
-    "interpolated-rows": "rows lie on straight lines between the solver's own steps",
+    "interpolated-rows": "rows were interpolated linearly between the solver's own steps",
     "held-columns": "coordinates or speeds come from a slower sensor and repeat over several rows",
     "wrapped-angle": "an angle is wrapped to one turn",
     "jump": "the state jumps from one row to the next, as where an episode begins anew",

@@ -599,7 +599,8 @@ def rounded_clock(t: Array) -> str:
     step = next(value for value in shortest if abs(value - exact) <= uncertain)
     return (
         f"The times are those of rows {step:g} s apart, rounded to {unit:.3g} s. If so, read them by --step "
-        f"{step:g}, or in a mapping by [log] time = {{ step = {step:g} }}."
+        f"{step:g}, or in a mapping by [log] time = {{ step = {step:g} }}. If whole rows repeat, drop the "
+        "copies."
     )
 
 

@@ -400,4 +400,5 @@ def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
         (kind, place, np.eye(4)[:, :1] if kind == "q" and isinstance(place, slice) else 0.0)
         for _, kind, place in _variables(test)
     ]
+    # Time and speeds first, then coordinates, each alone before whole orientations: the simplest state wins.
     return sorted(moves, key=lambda move: ("tuq".index(move[0]), isinstance(move[1], slice)))

@@ -677,10 +677,10 @@ def several_of_one_kind(
     exchanged: Callable[[Fit], Array],
     least: float,
 ) -> list[Fit]:
-    """Sets of several causes of one kind or two, each of them plausible and of some joules.
+    """Sets of several causes of one kind or two, or of one body, each plausible and of some joules.
 
-    Files of mechanisms leave dampers and rotors out of all joints. One after the other, something else that
-    does a little of all that they do would be preferred.
+    Files of mechanisms leave dampers and rotors out of all joints, and payloads change all the inertia of a
+    body. One after the other, something else that does a little of all that they do would be preferred.
     """
     none, sets = nothing(len(block.causes)), list[Fit]()
     for some in _of_one_kind(candidates):
@@ -698,7 +698,7 @@ def several_of_one_kind(
 def _of_one_kind(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
     """Causes of one number that are the same mistake, or two that files make in all joints.
 
-    And all of the inertia of a body, which a payload changes together.
+    Also mass, mass centre and moments of a body, which a payload changes together.
     """
     kinds: dict[str, list[Candidate]] = {}
     for c in candidates:
@@ -712,15 +712,14 @@ def _of_one_kind(candidates: Sequence[Candidate]) -> Iterator[list[Candidate]]:
     yield from several.values()
     for one, other in combinations([several[kind] for kind in LEFT_OUT if kind in several], 2):
         yield [*one, *other]
-    largest: dict[tuple[str, str], Candidate] = {}
-    for c in candidates:
-        if c.size > (largest[c.element, c.kind].size if (c.element, c.kind) in largest else 0):
-            largest[c.element, c.kind] = c
-    for body in [body for body, kind in largest if kind == "body-mass"][:MANY]:
-        for kind in ("body-moments", "body-tensor"):
-            own = [(body, "body-mass"), (body, "body-centre"), (body, kind)]
-            if all(one in largest for one in own):
-                yield [largest[one] for one in own]
+    # Of a mass centre that may move along one axis or several, the last is that of most.
+    own = {(c.kind, c.element): c for c in sorted(candidates, key=lambda c: c.size)}
+    for body in [element for kind, element in own if kind == "body-mass"][:MANY]:
+        for moments in ("body-moments", "body-tensor"):
+            some = [own.get((kind, body)) for kind in ("body-mass", "body-centre", moments)]
+            inertia = [c for c in some if c is not None]
+            if len(inertia) == len(some):
+                yield inertia
 
 
 LEFT_OUT = ("missing-damper", "missing-rotor-inertia", "missing-friction")

@@ -71,7 +71,7 @@ from deltac.diagnosis.inference.regression import (
     by_accelerations,
     mistakes_of_one_kind,
     regression,
-    with_more,
+    searched,
 )
 from deltac.diagnosis.inference.result import (
     KNOWN,
@@ -491,18 +491,24 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         known = (one for one in others if one.at.point.forces.act_as(moved.forces))
         if moved is not comparison.point:
             comparison = next(known, None) or compared(moved)
-    method = comparison.methods[0] if comparison.maps else None
-    # Near the right method, before causes are linearised at themselves, others may leave less.
-    of_rows = method and (method.defect or method.later) and comparison.closing
-    rows_alone = method and (method.order == 1 or of_rows)
-    if rows_alone and point.run.provenance.held is None:
-        moved = held_as_in(comparison)
-        other = comparison if moved is comparison.point else compared(moved)
-        # The right method makes the same rows by them.
-        same = bool(other.maps) and other.methods[0].name == comparison.methods[0].name
-        if same or comparison.methods[0].order == 1:
-            comparison = other
-    return comparison
+    if not comparison.maps or point.run.provenance.held is not None:
+        return comparison
+    return _acting_as_in(comparison)
+
+
+def _acting_as_in(comparison: HypothesisComparison) -> HypothesisComparison:
+    """The comparison by forces that act as in the method, where rows do not show how they act between."""
+    method = comparison.methods[0]
+    # Near the right method of second order, before causes are linearised at themselves,
+    # others may leave less.
+    of_rows = (method.defect or method.later) and comparison.closing
+    moved = held_as_in(comparison) if method.order == 1 or of_rows else comparison.point
+    if moved is comparison.point:
+        return comparison
+    other = compared(moved)
+    # The right method makes the same rows by them.
+    same = bool(other.maps) and other.methods[0].name == method.name
+    return other if same or method.order == 1 else comparison
 
 
 def _in_equations(comparison: HypothesisComparison) -> Fit:
@@ -763,7 +769,7 @@ def _with_further(built: HypothesisComparison, point: Point) -> HypothesisCompar
         if not best.chosen or _nothing_left(built) or built.closing or built.excess <= KNOWN:
             break
         own = {c.name for c in best.chosen}
-        sets = [*mistakes_of_one_kind(built.at, built.rows), with_more(built.at, block, best)]
+        sets = [*mistakes_of_one_kind(built.at, built.rows), searched(built.at, block, start=best)]
         more = [one for one in sets if own < {c.name for c in one.best.chosen}]
         tried = [one for one in (_at_causes(point, found) for found in more) if one is not None]
         likelier = _likelier(built, *tried)

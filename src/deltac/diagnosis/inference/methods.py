@@ -24,7 +24,7 @@ from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Integrator, Map,
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.regression import Regression, searched
 from deltac.diagnosis.inference.result import KNOWN, SLIGHT
-from deltac.diagnosis.inference.whitening import least_squares, student_weights
+from deltac.diagnosis.inference.whitening import least_squares, weights_beside
 
 FAR = 1e4
 """Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an
@@ -147,19 +147,11 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
 
 def _typical(series: Block, best: Fit) -> Block:
     """The equations weighted by what the series leaves of them: kinks of forces are none of it."""
-    own, scale = series, np.ones((len(series.r), 1))
-    for _ in range(TURNS):
-        left = own.residual(best.coefficients) / scale
-        weights, _ = student_weights(left)
-        if np.all(weights == 1.0):
-            break
-        scale = np.sqrt(weights)[:, None]
-        own = replace(series, r=series.r * scale, D=series.D * scale[:, :, None])
-    return own
-
-
-TURNS = 6
-"""Turns of expectation and maximisation."""
+    fields = series.D[:, :, series.nuisance]
+    of_causes = series.D[:, :, series.causes] @ (best.coefficients - series.projected.origin)
+    weights, _ = weights_beside(series.r - of_causes, fields, np.ones(len(series.r)))
+    scale = np.sqrt(weights)[:, None]
+    return replace(series, r=series.r * scale, D=series.D * scale[:, :, None])
 
 
 def by_own_steps(at: Regression, methods: Methods) -> Methods:

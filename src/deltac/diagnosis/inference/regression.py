@@ -329,20 +329,33 @@ def moved_by(point: Point, B: Array, columns: Sequence[Array], c: Array, step: A
 
 
 def searched(
-    at: Regression, block: Block, before: Posterior | None = None, most: int = TOGETHER
+    at: Regression,
+    block: Block,
+    before: Posterior | None = None,
+    most: int = TOGETHER,
+    start: Fit | None = None,
 ) -> Posterior:
     """The posterior of causes by a block of equations, at `most` together by prediction errors.
 
-    Or that of causes found before, fitted anew.
+    Or that of causes found before, fitted anew; or of further causes beside those of a `start`.
     """
     point = at.point
     if before is not None:
         return refitted((block,), before, point.candidates)
+    # Fields that stand for the rest of a mistake tell nothing of what the series leaves out.
+    least = at.bias if start else _least_joules(at, block)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
-    many = (MANY, 0.0, True) if point.accelerations_known else (most, NEGLIGIBLE)
-    least, negligible = _least_joules(at, block), SIX_DIGITS * point.energy
+    linear = point.accelerations_known
     return search(
-        (block,), point.candidates, lambda fit: at.exchanged(fit)[0], least, negligible, *many
+        (block,),
+        point.candidates,
+        lambda fit: at.exchanged(fit)[0],
+        least,
+        SIX_DIGITS * point.energy,
+        MANY if linear else most,
+        0.0 if linear else NEGLIGIBLE,
+        linear,
+        start,
     )
 
 
@@ -351,22 +364,6 @@ def _least_joules(at: Regression, block: Block) -> float:
     # What the series leaves out is no matter of known accelerations, nor of a method's own map.
     series = len(block.nuisance) > at.bent.shape[2]
     return max(at.bias, at.omitted if series else 0.0)
-
-
-def with_more(at: Regression, block: Block, found: Fit) -> Posterior:
-    """The posterior of causes beside those that were found.
-
-    Fields that stand for the rest of a mistake tell nothing of what the series leaves out.
-    """
-    negligible = SIX_DIGITS * at.point.energy
-    return search(
-        (block,),
-        at.point.candidates,
-        lambda fit: at.exchanged(fit)[0],
-        at.bias,
-        negligible,
-        start=found,
-    )
 
 
 def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:

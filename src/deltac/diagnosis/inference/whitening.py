@@ -258,19 +258,25 @@ def robust_weights(r: Array, D: Array) -> Array:
     cause does in a few intervals is no outlier. By expectation and maximisation (Lange, Little & Taylor,
     Robust statistical modeling using the t distribution, JASA 84, 1989). One everywhere where r has none.
     """
-    alone, likelihood = student_weights(r)
+    alone, likelihood = _student(r)
     if np.all(alone == 1.0) or 2 * D.shape[2] > r.size:
         return alone
-    weights, beside = alone, -np.inf
-    for _ in range(MAXIMISATIONS):
-        scale = np.sqrt(weights)[:, None]
-        left = left_by((D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel())
-        weights, beside = student_weights(left.reshape(r.shape) / scale)
+    weights, beside = weights_beside(r, D, alone)
     price = 0.5 * D.shape[2] * np.log(r.size)
     return weights if beside - price > likelihood else alone
 
 
-def student_weights(r: Array, share: float = 0.02) -> tuple[Array, float]:
+def weights_beside(r: Array, D: Array, weights: Array) -> tuple[Array, float]:
+    """The weights (N,) by what columns D (N, d, p) leave of r (N, d), from others; their log likelihood."""
+    likelihood = -np.inf
+    for _ in range(MAXIMISATIONS):
+        scale = np.sqrt(weights)[:, None]
+        left = left_by((D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel())
+        weights, likelihood = _student(left.reshape(r.shape) / scale)
+    return weights, likelihood
+
+
+def _student(r: Array, share: float = 0.02) -> tuple[Array, float]:
     """The weights of residuals r (N, d), and their log likelihood at the scale of typical ones.
 
     One everywhere unless the largest `share` of the intervals holds more than half of Σ r².

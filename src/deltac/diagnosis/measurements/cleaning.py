@@ -48,7 +48,7 @@ class Cleaned:
 
 
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
-    """Test q against u, and undo what is safe to undo: copies of rows, chords, turns of 2π, single spikes.
+    """Test q against u, and undo what is safe to undo: copied and interpolated rows, turns of 2π, spikes.
 
     Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
     runs with integrals or events.
@@ -151,9 +151,9 @@ def _at_the_pace_of_the_slower(
 
 
 def _at_knots(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
-    """The states between which rows were interpolated on straight lines.
+    """The states of the solver between which the rows were interpolated linearly.
 
-    Where coordinates keep their rates over three rows while the speeds beside them change, the rows are on a
+    Where coordinates keep their rates over three rows while the speeds beside them change, the rows lie on a
     chord of the motion.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
@@ -193,18 +193,18 @@ def _at_knots(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]
     return knots, [
         Finding(
             "interpolated-rows",
-            "rows lie on straight lines between states of the solver",
-            f"{int(chords.sum())} of {len(run)} rows are on chords, which meet in {len(rows)} states",
-            "The states were judged. Log the solver's own steps, or its interpolant",
+            "rows were interpolated linearly between the solver's own steps",
+            f"{int(chords.sum())} of {len(run)} rows lie on chords, which intersect in {len(rows)} states",
+            "These states were judged in place of the rows. Log the solver's own steps, or its interpolant",
         )
     ]
 
 
 def _knots(t: Array, x: Array, slack: Array, straight: Mask) -> tuple[NDArray[np.intp], Array]:
-    """The last rows (k,) before the states in which chords meet, and how much later these are (k,), s.
+    """The last row (k,) before each state in which two chords intersect, and how much later that is (k,), s.
 
-    That the lines through two rows before and two rows after an interval meet within it, in all columns at
-    one instant, tells that nothing else lies between. Or a row is such a state itself.
+    The lines through the two rows before and the two rows after an interval must intersect within it, in all
+    columns at the same instant: then the solver made no other step there. Or a row is such a state itself.
     """
     h = np.diff(t)
     rates = np.diff(x, axis=0) / h[:, None]

@@ -212,6 +212,49 @@ def test_a_method_that_takes_forces_at_rows_alone_leaves_them_functions_of_time(
     assert told == pytest.approx(curve, abs=1e-3 * float(np.abs(curve).max()))
 
 
+def adams_bashforth(torques: Array) -> Array:
+    """States (N + 1, 2) by the explicit method of two steps under the torques of the rows."""
+    rows = [np.array([0.7, 0.0])]
+    before = None
+    for torque in torques[:-1]:
+        now = rate(rows[-1], torque)
+        rows.append(rows[-1] + H * (now if before is None else 1.5 * now - 0.5 * before))
+        before = now
+    return np.array(rows)
+
+
+def test_torques_that_keep_their_values_over_several_rows_are_held_by_any_method() -> None:
+    """A method of two steps makes the same rows of them whatever they do between: stairs are stairs."""
+    torques = np.array([of_time(H * (k - k % 5)) for k in range(1001)])
+    x = adams_bashforth(torques)
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(1001)))
+    assert audit.integrator is not None and audit.attribution is not None
+    assert audit.integrator.names == ("adams-bashforth-2",)
+    curve = true_joules(x, torques)
+    # Of the first step, Euler's own, the method of two says nothing: half of h² a F' there.
+    own, first = audit.attribution.integrator, abs(float(curve[1]))
+    assert own.energy == pytest.approx(float(curve[-1]), abs=2.0 * (own.error + first))
+    assert own.error < 0.01 * abs(float(curve[-1]))
+
+
+def test_the_bar_covers_ramps_and_smooth_torques_that_heun_cannot_tell() -> None:
+    """He asks for them at both ends of a step alone. What they are in between changes the exact motion."""
+    h, steps = 5e-3, 400
+    t, x = h * np.arange(steps + 1.0), [np.array([0.7, 0.0])]
+    for k in range(steps):
+        first = rate(x[-1], of_time(float(t[k])))
+        last = rate(x[-1] + h * first, of_time(float(t[k + 1])))
+        x.append(x[-1] + 0.5 * h * (first + last))
+    states, torques = np.array(x), np.array([of_time(float(at)) for at in t])
+    run = replace(log(states, torques, np.arange(steps + 1)), t=t)
+    inference = dc.audit(MECHANISM, run).inference
+    assert inference is not None and [m.name for m in inference.methods][:1] == ["heun"]
+    own = inference.attribution.integrator
+    # Torques of straight lines have means that are smaller by h² ω²/12, and do as much less work.
+    less = (9.0 * h) ** 2 / 12.0 * float(np.abs(np.cumsum(h * torques * states[:, 1])).max())
+    assert 0.1 * less < own.error < less
+
+
 def stopped(h: float, every: int) -> tuple[dc.Mechanism, dc.Trajectory]:
     """A block on a spring that strikes an elastic stop, by semi-implicit Euler; every so many rows."""
     mass, stiffness, drag, hard, gap = 2.0, 50.0, 1.0, 4000.0, 0.15

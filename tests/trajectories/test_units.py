@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
+import deltac as dc
 from deltac.errors import InputError
 from deltac.trajectories.formats.units import column_unit, unit
 
@@ -69,3 +71,16 @@ def test_what_is_no_unit_is_refused(text: str, message: str) -> None:
 )
 def test_units_in_names_of_columns(column: str, found: str | None) -> None:
     assert column_unit(column) == found
+
+
+def test_the_second_axis_of_a_universal_joint_is_no_unit_of_time() -> None:
+    mechanism = dc.Mechanism(
+        [dc.body("bob", 1.0, inertia=(0.1, 0.1, 0.1), mass_centre=(0, 0, -0.5))],
+        [dc.joints.universal("hook", "ground", "bob")],
+    )
+    t = np.linspace(0.0, 1.0, 11)
+    names = [f"{kind}.hook.{axis}" for kind in "qu" for axis in ("first", "second")]
+    table = {"time": t} | {name: (k + 1.0) * t for k, name in enumerate(names)}
+    run = dc.read_trajectory(table, model=mechanism)
+    assert run.coordinates == ("hook.first", "hook.second")
+    assert np.array_equal(run.q[:, 1], 2.0 * t) and np.array_equal(run.u[:, 1], 4.0 * t)

@@ -777,7 +777,9 @@ def _inferred(
             inference.late
             or inference.excess > KNOWN
             or (
-                inference.finds_something and not inference.closes and inference.numbers > ORDERS[0]
+                inference.finds_something
+                and not inference.closes
+                and (inference.numbers > ORDERS[0] or 1.0 - inference.explained > SMALL_SHARE)
             )
         )
     ):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from deltac.arrays import SIX_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.comparison import HypothesisComparison
-from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER
+from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, PRIOR
 from deltac.diagnosis.inference.forces import InterpolatedForces
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
@@ -185,7 +185,8 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
 def disputed_joules(comparison: HypothesisComparison) -> Array:
     """Joules (N,) of the integrator's fields that a mistake may have made which does about the same to rows.
 
-    It takes of them what its number within its error does, at most what is beside the nearest method.
+    It takes of them what its number within its error does, at most what is beside the nearest method; all of
+    that where no integrator has such numbers.
     """
     at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
@@ -197,6 +198,8 @@ def disputed_joules(comparison: HypothesisComparison) -> Array:
     rays = [own for own in (numbers_of(m)[first] for m in INTEGRATORS) if own.any()]
     near = [np.clip(c @ own / (own @ own), 0.0, 1.0) * own for own in rays]
     rest = min((c - own for own in near), key=np.linalg.norm)
+    if np.linalg.norm(rest) > SIGNIFICANT * PRIOR[1]:
+        return np.abs(T @ rest)
     most = np.zeros(len(T))
     for cause in of_one_number(comparison.point.candidates):
         if any(cause is x or cause.excludes(x) for x in best.chosen):
@@ -441,33 +444,40 @@ def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:
 def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
-    By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
-    forces at several instants of a step takes them as functions of time; those that keep their values over
-    several rows are held.
+    By those it arrives at the same rows as far as their noise tells, and the flow does not; or one does that
+    closes the rows alike. Who asks for forces at several instants of a step takes them as functions of time;
+    those that keep their values over several rows are held.
     """
-    at, point, method = comparison.at, comparison.point, comparison.methods[0]
-    forces, log, plant = point.forces, point.log, point.flow.plant
-    if method.order > 1 or method.holding or not forces.kinds:
+    at, point, methods = comparison.at, comparison.point, dict.fromkeys(comparison.methods)
+    first, forces, log, plant = comparison.methods[0], point.forces, point.log, point.flow.plant
+    if first is EXACT or first.holding or not forces.kinds:
         return
     if point.run.provenance.held is not None:
         return
 
-    @cache
-    def arrival(by: InterpolatedForces) -> Rows:
-        """The rows that the method makes of those before."""
+    def arrival(method: Integrator, by: InterpolatedForces) -> Rows:
+        """The rows that a method makes of those before."""
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
         return next(maps(plant, own, force, comparison.counts, 1, [method])).end
 
-    for kind in ("step", "smooth") if forces.several else ("start", "ramp", "smooth"):
+    @cache
+    def assumed() -> Rows:
+        return arrival(first, forces)
+
+    def alike(method: Integrator, other: InterpolatedForces) -> bool:
+        apart = point.model.difference(assumed(), arrival(method, other))
+        return bool(0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN)
+
+    held, functions = "end" if first.later else "start", ("ramp", "smooth")
+    if forces.several:
+        held, functions = "step", ("smooth",)
+    for kind in (held, *functions) if first.asks_once else functions:
         own = zip(forces.kinds, forces.stairs, strict=True)
-        other = forces.of([held if stair else kind for held, stair in own])
+        other = forces.of([before if stair else kind for before, stair in own])
         nodes = np.linspace(0.0, 1.0, 5)
         change = np.stack([other.between(s) - forces.between(s) for s in nodes])
-        if not change.any():
-            continue
-        apart = point.model.difference(arrival(forces), arrival(other))
-        if 0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN:
+        if change.any() and any(alike(m, other) for m in methods if m is not EXACT):
             yield -HALF * log.running(at.work(point.flow.moved_by_forces(change)))
 
 

@@ -64,8 +64,9 @@ CUBIC, QUINTIC = 3, 5
 """Degrees of the spline by which smooth forces act, and of the one that estimates its error, which is largest
 at the ends, where rows on one side alone tell."""
 
-KEPT_FRACTIONS = 32
-"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
+KEPT_FRACTIONS, KEPT_NUMBERS = 32, 2**19
+"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8; of short logs as
+many as take 4 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,8 @@ class LoggedForce:
                 F = F + weights[k] * self.part(k, s, begin)
             return F
 
-        return LoggedForceBetween(self, kinds, at, lru_cache(KEPT_FRACTIONS)(at))
+        kept = max(KEPT_FRACTIONS, KEPT_NUMBERS // max(self.first.size, 1))
+        return LoggedForceBetween(self, kinds, at, lru_cache(kept)(at))
 
     def take(self, which: NDArray[np.intp]) -> LoggedForce:
         """Those in some of the intervals."""

@@ -52,8 +52,8 @@ from deltac.diagnosis.inference.hypotheses import (
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.interpolation import (
     WITHIN_A_ROW,
+    acting_as_in,
     closed_by_other_forces,
-    held_as_in,
     left_by_shifts,
     with_filter,
     with_likeliest_forces,
@@ -149,7 +149,7 @@ class Unclosed:
                 )
                 if found is None or (before and _no_better(found[1], before)):
                     continue
-                own = _at_itself(point, *found, limit, filtered)
+                own = _at_itself(point, self.equations, *found, limit, filtered)
                 if own is None:
                     continue
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
@@ -373,6 +373,7 @@ def _to_first_order(
 
 def _at_itself(
     point: Point,
+    equations: LogEquations,
     comparison: HypothesisComparison,
     result: Inference,
     asked: bool,
@@ -393,8 +394,16 @@ def _at_itself(
             without = _closing_alone(point, comparison)
             if without is not None:
                 return inferred(without)
+        # To first order others looked like terms of an equation.
+        doubted = asked and chosen and not filtered and result.excess > KNOWN and not result.closes
+        term = _term(point, equations) if doubted else None
+        if term is not None:
+            return inferred(term)
         forced = not filtered and _is_unexplained(point, result)
-        return (_of_force(point, result) if forced else None) or _of_steps(comparison, result)
+        other = _of_force(point, result) if forced else None
+        if other is not None:
+            return other
+        return _of_steps(comparison, result)
     except NO_MOTION:
         return None
 
@@ -501,14 +510,15 @@ def _acting_as_in(comparison: HypothesisComparison) -> HypothesisComparison:
     method = comparison.methods[0]
     # Near the right method of second order, before causes are linearised at themselves,
     # others may leave less.
-    of_rows = (method.defect or method.later) and comparison.closing
-    moved = held_as_in(comparison) if method.order == 1 or of_rows else comparison.point
-    if moved is comparison.point:
-        return comparison
-    other = compared(moved)
-    # The right method makes the same rows by them.
-    same = bool(other.maps) and other.methods[0].name == method.name
-    return other if same or method.order == 1 else comparison
+    for function in ("smooth", "ramp") if method.asks_once or comparison.closing else ():
+        moved = acting_as_in(comparison, function)
+        if moved is comparison.point:
+            break
+        other = compared(moved)
+        # The right method makes the same rows by them.
+        if method.order == 1 or (other.maps and other.methods[0].name == method.name):
+            return other
+    return comparison
 
 
 def _in_equations(comparison: HypothesisComparison) -> Fit:
@@ -677,7 +687,10 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             last = rival or turn + 1 >= RELINEARISATIONS or before.best.settled(best)
             reached = start
             earlier.add(names)
-            if start <= KNOWN * block.least or (last and not halved):
+            closed = start <= KNOWN * block.least
+            # Rows that an unknown integrator closes may follow by a method, at the causes themselves.
+            unknown = closed and not own.maps and not turn
+            if not unknown and (closed or (last and not halved)):
                 break
     except NO_MOTION:
         return None

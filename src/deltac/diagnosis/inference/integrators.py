@@ -46,8 +46,9 @@ def _second(twice: float, chain: float) -> dict[str, float]:
 Step: TypeAlias = Callable[[LogModel, Rows, Array, ForceInStep], tuple[Array, Array]]
 """q and u after a step of length h (N, 1) from rows."""
 
-Defect: TypeAlias = Callable[[LogModel, Rows, Rows, Array], tuple[Array, Array]]
-"""What an implicit method would have for q and u at the end of the step, given both rows."""
+Defect: TypeAlias = Callable[[LogModel, Rows, Rows, Array, Array], tuple[Array, Array]]
+"""What an implicit method would have for q and u at the end of the step h (N, 1), given both rows and the
+forces (N, m) in the middle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +193,7 @@ def _implicit_in(whole: bool) -> Step:
 def _implicit_euler(held: bool) -> Defect:
     """The acceleration is that after the step, of forces as if held or of those there."""
 
-    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    def defect(model: LogModel, at: Rows, end: Rows, h: Array, _: Array) -> tuple[Array, Array]:
         F = at.F if held else end.F
         return model.moved(at.q, end.u, h), at.u + h * model.acceleration(end.t, end.q, end.u, F)
 
@@ -202,7 +203,7 @@ def _implicit_euler(held: bool) -> Defect:
 def _trapezoidal(held: bool) -> Defect:
     """The mean of the accelerations at both ends, of forces as if held or of those at each."""
 
-    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    def defect(model: LogModel, at: Rows, end: Rows, h: Array, _: Array) -> tuple[Array, Array]:
         F = at.F if held else end.F
         u = at.u + 0.5 * h * (model.at(at) + model.acceleration(end.t, end.q, end.u, F))
         return model.moved(at.q, 0.5 * (at.u + end.u), h), u
@@ -211,10 +212,12 @@ def _trapezoidal(held: bool) -> Defect:
 
 
 def _implicit_midpoint(held: bool) -> Defect:
-    """The acceleration at the mean state, of forces as if held or of their mean."""
+    """The acceleration at the mean state, of forces as if held or of those in the middle."""
 
-    def defect(model: LogModel, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
-        mean, F = 0.5 * (at.u + end.u), at.F if held else 0.5 * (at.F + end.F)
+    def defect(
+        model: LogModel, at: Rows, end: Rows, h: Array, middle: Array
+    ) -> tuple[Array, Array]:
+        mean, F = 0.5 * (at.u + end.u), at.F if held else middle
         q = model.moved(at.q, mean, 0.5 * h)
         a = model.acceleration(0.5 * (at.t + end.t), q, mean, F)
         return model.moved(at.q, mean, h), at.u + h * a
@@ -382,6 +385,11 @@ class Integrator:
     later: bool = False
     holding: bool = False
     rotations: bool = False
+
+    @property
+    def asks_once(self) -> bool:
+        """Whether it asks for forces at one instant of each step: what they do between is not in its rows."""
+        return self.order == 1 or self.memory is _adams_bashforth
 
 
 EXACT = Integrator("higher-order", 3, {})
@@ -555,7 +563,7 @@ def _maps(
         if method.rotations and not model.quaternions:
             continue
         if method.defect is not None and counts.max() == 1:
-            q, u = method.defect(model, at, end, intervals.h)
+            q, u = method.defect(model, at, end, intervals.h, force(0.5))
             # One of Newton's steps, from the row and the right-hand side there.
             gap = model.difference(end, Rows(end.t, q, u, end.F))[:, :, None]
             step = _newton(method, slopes(), intervals.h, gap)[:, :, 0]
@@ -669,7 +677,7 @@ def by_causes(
         moved = _repeated(variation, method, still, none, counts)
         q, u = moved.q, moved.u
     elif method.defect is not None:
-        q, u = method.defect(variation, start, end, np.repeat(intervals.h, units, axis=0))
+        q, u = method.defect(variation, start, end, np.repeat(intervals.h, units, axis=0), start.F)
     else:
         return None
     response = np.concatenate([q, u], axis=1).reshape(N, units, 2 * n).transpose(0, 2, 1)

@@ -99,23 +99,28 @@ def closed_by_other_forces(
     return likeliest, others if likeliest is comparison else []
 
 
-def held_as_in(comparison: HypothesisComparison) -> Point:
-    """The point at which forces are held if the method takes those of each row alone; itself if they are.
+def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
+    """The point at which forces act as a method has them, of which rows do not show it; itself if they do.
 
-    Between rows they are not seen then; whoever computes them once a step holds them. Who takes those of the
-    next row, or of both, does not: they are functions of time.
+    Whoever computes them once a step holds them, and so are those held that keep their values over several
+    rows. Who takes those of the next row, of both, or of rows before, or of some instant in between, does not
+    hold them: they are a `function` of time, "smooth" or "ramp".
     """
     point, method, counts = comparison.point, comparison.methods[0], comparison.counts
     held = "step" if counts.max() > 1 else "start"
+    holds = not method.later and (method.order == 1 or not (method.step or method.asks_once))
+    of_rows = ("start",) if method.later else HELD if method.asks_once else ()
 
-    def acting(kind: str) -> str:
-        if method.later:
-            if method.order > 1:
-                return "smooth" if kind in ("start", "end", "mean") else kind
-            return "ramp" if kind == "end" else kind
-        return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
+    def acting(kind: str, stair: bool) -> str:
+        if stair and held == "start":
+            return held
+        if method.order == 1 and kind == "end":
+            return "ramp"
+        if holds:
+            return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
+        return function if method.order > 1 and kind in ("end", "mean", *of_rows) else kind
 
-    forces = point.forces.of([acting(kind) for kind in point.forces.kinds])
+    forces = point.forces.of(list(map(acting, point.forces.kinds, point.forces.stairs)))
     if forces.kinds == point.forces.kinds or forces.filter is not None:
         return point
     return point.with_flow(forces=forces if "step" in point.forces.kinds else forces.held(counts))

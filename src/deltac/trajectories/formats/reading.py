@@ -498,7 +498,11 @@ def _unreadable(one: Meaning, raw: RawLog) -> InputError | None:
 def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:
     if is_schema_name(name):
         plain = without_unit(name)
-        return plain if is_schema_name(plain) and names is not None else name
+        if names is None or not is_schema_name(plain):
+            return name
+        # A universal joint turns about a first axis and a "second": that is no unit.
+        own = (*names.coordinates, *names.speeds)
+        return name if any(name.endswith(f".{one}") for one in own) else plain
     if names is not None and name in names.coordinates and raw.plain_names:
         return f"q.{name}"
     return None

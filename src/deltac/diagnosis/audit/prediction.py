@@ -126,7 +126,7 @@ def _stepped(
     assert method.defect is not None
     at = end
     for _ in range(NEWTON_STEPS):
-        after = Rows(end.t, *method.defect(model, start, at, h), end.F)
+        after = Rows(end.t, *method.defect(model, start, at, h, force(0.5)), end.F)
         change = max(np.abs(after.q - at.q).max(), np.abs(after.u - at.u).max())
         at = after
         if change <= SETTLED * (1.0 + np.abs(at.u).max()):

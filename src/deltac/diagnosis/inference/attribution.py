@@ -469,10 +469,9 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
         apart = point.model.difference(assumed(), arrival(method, other))
         return bool(0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN)
 
-    held, functions = "end" if first.later else "start", ("ramp", "smooth")
-    if forces.several:
-        held, functions = "step", ("smooth",)
-    for kind in (held, *functions) if first.asks_once else functions:
+    held = "step" if forces.several else "end" if first.later else "start"
+    functions = ["smooth"] if forces.several else ["ramp", "smooth"]
+    for kind in [held, *functions] if first.asks_once else functions:
         own = zip(forces.kinds, forces.stairs, strict=True)
         other = forces.of([before if stair else kind for before, stair in own])
         nodes = np.linspace(0.0, 1.0, 5)

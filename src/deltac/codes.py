@@ -38,6 +38,7 @@ FINDINGS: dict[str, str] = {
     "actuator-gear": "an actuator delivers a multiple or fraction of its logged force",
     "actuator-delay": "an actuator's force acted later than logged",
     "late-forces": "all forces acted later than logged, or smoother, as beside states that were filtered",
+    "limited-forces": "an actuator's force was limited, and logged without the limit",
     "filtered": "states, or all columns, of the log went through a filter",
     "late-laws": "laws of time act later than in the model, or the log is late",
     "channel-factor": "a force element acts with a multiple or fraction of its force",

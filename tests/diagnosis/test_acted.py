@@ -45,14 +45,21 @@ def test_a_delay_of_many_rows() -> None:
     assert found.verdict.kind == "consistent"
 
 
-def test_a_limit() -> None:
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [(-2.0, 0.4, "between -2 and 0.4"), (-2.0, 9.0, "to at least -2")],
+)
+def test_a_limit(low: float, high: float, told: str) -> None:
     system = CartPole()
-    run = commanded(system, lambda said: float(np.clip(said[-1], -2.0, 3.0)))
-    assert np.ptp(run.forces["actuator motor"]) > 6.0  # more than acted
+    run = commanded(system, lambda said: float(np.clip(said[-1], low, high)))
+    assert run.forces["actuator motor"].min() < low  # more than acted
     found = dc.audit(system.mechanism(), run)
-    [told] = [f for f in found.verdict.findings if f.code == "F-FORCE-LIMITED"]
-    assert "between -2 and 3" in told.what
-    assert found.verdict.kind == "consistent"
+    [finding] = [f for f in found.verdict.findings if f.code == "F-LIMITED-FORCES"]
+    assert told in finding.what
+    assert found.verdict.kind == "consistent" and not found.causes
+    # The classical method is exact to h⁵, 1e-11 of what flows.
+    assert found.attribution is not None
+    assert abs(found.attribution.integrator.energy) < 1e-8
 
 
 @pytest.mark.parametrize(
@@ -69,7 +76,7 @@ def test_a_limit() -> None:
 def test_mistakes_are_no_delays_or_limits(run_by: dict[str, float], actuator: Actuator) -> None:
     run = commanded(replace(CartPole(), **run_by), actuator, damping=0.0)  # type: ignore[arg-type]
     found = dc.audit(CartPole().mechanism(), run)
-    assert not {"F-FORCE-DELAYED", "F-FORCE-LIMITED"} & {f.code for f in found.verdict.findings}
+    assert not {"F-FORCE-DELAYED", "F-LIMITED-FORCES"} & {f.code for f in found.verdict.findings}
     assert found.verdict.kind in ("equation-error", "unresolved")
 
 

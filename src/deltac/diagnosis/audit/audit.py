@@ -16,7 +16,14 @@ from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import Conventions
-from deltac.diagnosis.audit.habits import ORDERS, realigned, rezeroed, share_of_a_filter, unfiltered
+from deltac.diagnosis.audit.habits import (
+    ORDERS,
+    limited,
+    realigned,
+    rezeroed,
+    share_of_a_filter,
+    unfiltered,
+)
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -759,6 +766,8 @@ def _inferred(
     shifted = "late-forces" in known
     # What closes rows without a cause is asked first.
     through = None if shifted else realigned(mechanism, rows, begun, False)
+    if through is None and "limited-forces" not in known:
+        through = limited(mechanism, rows, begun)
     if through is None and asked:
         through = unfiltered(model, rows)
     if through is None:

@@ -1,4 +1,4 @@
-"""Habits of a log that are undone before it is judged: filters, forces of other rows, zeros of coordinates.
+"""Habits of a log that are undone before it is judged: filters, forces of other rows or beyond limits, zeros.
 
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
@@ -44,6 +44,7 @@ from deltac.diagnosis.inference.linearisation import (
     RELINEARISATIONS,
     Flow,
     FlowError,
+    Point,
     Tangent,
     cause_columns,
     flow_of,
@@ -57,6 +58,7 @@ from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.kernels.rows import compiled_rows
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
@@ -621,6 +623,127 @@ def _told_late(run: Trajectory, late: int) -> Finding:
         "note",
         factor=late * float(np.median(np.diff(run.t))),
     )
+
+
+# --- forces beyond what a motor gives ---
+
+
+def limited(
+    mechanism: Mechanism, run: Trajectory, begun: Unclosed
+) -> tuple[Trajectory, Finding] | None:
+    """A run with the force of one motor between limits, if the rows follow from each other then; None if not.
+
+    With the finding that says so. Prediction errors tell what force acted in each interval. Beyond a limit it
+    is the same in all of them; the limit that closes the rows is found by steps of Gauss and Newton.
+    """
+    found = _Limits.of(begun.points[-1]) if begun.points else None
+    again: Inference | Unclosed | None = begun
+    for _ in range(NEWTON_STEPS if found is not None else 0):
+        assert found is not None
+        between = found.between(run)
+        again = closed(mechanism, between)
+        if isinstance(again, Inference):
+            return between, found.told
+        if again is None or not again.points:
+            return None
+        found, before = found.moved(again.points[-1]), found
+        if np.allclose(found.ends, before.ends, rtol=SAME, atol=0.0):
+            break
+    if found is None or not isinstance(again, Unclosed):
+        return None
+    right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN  # noise alone may look like a cause
+    return (found.between(run), found.told) if right else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Limits:
+    """The column of a motor's channel, as the log's forces have it, and the `ends` between which it acted.
+
+    `first` (N,) are the forces at the starts of the intervals as they were logged.
+    """
+
+    name: ChannelName
+    speed: int
+    place: int
+    first: Array
+    ends: tuple[float, float]
+
+    @staticmethod
+    def of(point: Point) -> _Limits | None:
+        """Those that leave the least of what departs, if that is little; None if they do not."""
+        first, acted = point.forces.logged.first, _forces_that_acted(point)
+        least, best = SHARE_OF_SHIFT * float(np.sum((acted - first) ** 2)), None
+        for name, speeds in point.model.log.places.items():
+            at = point.model.log.columns[name].start
+            for place, speed in enumerate(speeds, at) if name.kind == "actuator" else ():
+                x, y = first[:, place], acted[:, place]
+                low, high = -np.inf, np.inf
+                for _ in range(2):  # what one end explains hides the other
+                    below, above = x < high, x > low
+                    low, high = -_upper(-x[below], -y[below]), _upper(x[above], y[above])
+                others = np.delete(acted - first, place, axis=1)
+                left = float(np.sum((y - np.clip(x, low, high)) ** 2) + np.sum(others**2))
+                if left < least:
+                    least, best = left, _Limits(name, speed, place, x, (low, high))
+        return best
+
+    def between(self, run: Trajectory) -> Trajectory:
+        """The run with its forces between these ends."""
+        force = np.array(run.forces[self.name])
+        force[:, self.speed] = np.clip(force[:, self.speed], *self.ends)
+        return replace(run, forces={**run.forces, self.name: force}, works={}, integrals={})
+
+    def moved(self, point: Point) -> _Limits:
+        """The ends by what departs at a point with the forces between these."""
+        more = (_forces_that_acted(point) - point.forces.logged.first)[:, self.place]
+        if len(more) != len(self.first):
+            return self
+        low, high = (
+            end + float(np.mean(more[beyond])) if beyond.any() else end
+            for end, beyond in zip(
+                self.ends, (self.first < self.ends[0], self.first > self.ends[1])
+            )
+        )
+        return replace(self, ends=(low, high))
+
+    @property
+    def told(self) -> Finding:
+        """The finding that says so."""
+        low, high = self.ends
+        between = f"between {low:.6g} and {high:.6g}"
+        if not np.isfinite(low):
+            between = f"to at most {high:.6g}"
+        elif not np.isfinite(high):
+            between = f"to at least {low:.6g}"
+        return Finding(
+            "limited-forces",
+            f"the force of `{self.name}` was limited {between}, and was logged without the limit",
+            "by the force between its limits, each row follows from the one before",
+            "Log the force that acted, not the one that was commanded; the verdict is of the log with "
+            "its force limited",
+            "note",
+            str(self.name),
+        )
+
+
+def _forces_that_acted(point: Point) -> Array:
+    """The forces (N, m) by which the speeds of each interval follow, by least squares."""
+    h, responses = point.log.intervals.h, point.flow.force_responses
+    assumed = np.mean([point.forces.between(s) for s in (0.25, 0.5, 0.75)], axis=0)
+    rates = point.flow.w[:, point.model.n :, None] / h[:, :, None]
+    return np.asarray(assumed + (np.linalg.pinv(responses.transpose(1, 2, 0)) @ rates)[:, :, 0])
+
+
+def _upper(x: Array, y: Array) -> float:
+    """The limit c for which min(x, c) is nearest to y; infinite where none is nearer than x."""
+    order = np.argsort(x)[::-1]
+    beyond, within = y[order], ((y - x)[order]) ** 2
+    count = np.arange(1.0, len(x) + 1.0)
+    spread = np.cumsum(beyond**2) - np.cumsum(beyond) ** 2 / count
+    left = spread + within.sum() - np.cumsum(within)
+    few = int(np.argmin(left))
+    alone = 0.5 * within.sum() <= left[few]
+    return np.inf if alone else float(np.mean(beyond[: few + 1]))
 
 
 # --- coordinates of another zero ---

@@ -472,8 +472,9 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     held = "step" if forces.several else "end" if first.later else "start"
     functions = ["smooth"] if forces.several else ["ramp", "smooth"]
     for kind in [held, *functions] if first.asks_once else functions:
-        own = zip(forces.kinds, forces.stairs, strict=True)
-        other = forces.of([before if stair else kind for before, stair in own])
+        smooth = [kind == "ramp" and not kinked for kinked in forces.kinked]
+        own = zip(forces.kinds, forces.stairs, smooth, strict=True)
+        other = forces.of([before if any(as_before) else kind for before, *as_before in own])
         nodes = np.linspace(0.0, 1.0, 5)
         change = np.stack([other.between(s) - forces.between(s) for s in nodes])
         if change.any() and any(alike(m, other) for m in methods if m is not EXACT):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUGHLY, Array
 from deltac.diagnosis.inference.model import Intervals
 from deltac.trajectories.splines import spline_integrals, spline_rates
 
@@ -257,6 +257,13 @@ class InterpolatedForces:
         """Whether each column changes at some rows and keeps its value from most to the next: it is held."""
         keeps = np.mean(self.logged.change == 0.0, axis=0)
         return tuple(bool(0.5 < share < 1.0) for share in keeps)
+
+    @cached_property
+    def kinked(self) -> tuple[bool, ...]:
+        """Whether splines of two orders differ by much of what they add to lines: columns may be straight."""
+        first, last = self.logged.bends
+        bend, gap = (np.mean(x**2, axis=0) for x in ((first - last) / 12.0, self.logged.gap))
+        return tuple((gap > ROUGHLY**2 * bend).tolist())
 
     @property
     def several(self) -> bool:

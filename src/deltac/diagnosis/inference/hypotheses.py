@@ -863,12 +863,12 @@ def _by_stretches(blocks: Sequence[Block], fit: Fit, alternatives: int) -> list[
 
 
 def _scores(r: Array, X: Array, Q: Array) -> Iterator[Array]:
-    """Scores of each stretch by what the others predict of it, where columns (K · d, q) leave r (K, d).
+    """Scores of each stretch, where columns (K · d, q) leave r (K, d).
 
     A fit leaves less of the few rows by which it was made than it would of others: residuals of a stretch are
-    those of the fit without it, (1 − H)⁻¹ r with its part of the hat matrix (the jackknife of MacKinnon &
-    White, J. Econometrics 29, 1985). Q spans the columns that are beside these. Stretches are of equal time
-    and information, half and half.
+    scaled to those of the truth, (1 − H)^−½ r with its part of the hat matrix (Bell & McCaffrey, Survey
+    Methodology 28, 2002). Q spans the columns that are beside these. Stretches are of equal time and
+    information, half and half.
     """
     Y = np.linalg.qr(X * inverse_sizes(np.sum(X**2, axis=0)))[0]
     Z = np.concatenate([Q, Y], axis=1)
@@ -878,10 +878,12 @@ def _scores(r: Array, X: Array, Q: Array) -> Iterator[Array]:
     ends = ends[ends < len(r)]
     for part in np.split(np.arange(r.size).reshape(r.shape), ends):
         some = part.ravel()
-        own, left = Z[some], r.ravel()[some]
-        hat = own.T @ own
-        inner = np.linalg.pinv(np.eye(len(hat)) - hat, rcond=SAME, hermitian=True)
-        yield X[some].T @ (left + own @ (inner @ (own.T @ left)))
+        left = r.ravel()[some]
+        leverage, along = np.linalg.eigh(Z[some].T @ Z[some])
+        known = leverage > SAME
+        own = Z[some] @ along[:, known] / np.sqrt(leverage[known])
+        grown = 1.0 / np.sqrt(np.maximum(1.0 - leverage[known], SAME)) - 1.0
+        yield X[some].T @ (left + own @ (grown * (own.T @ left)))
 
 
 def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:

@@ -455,18 +455,22 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     if point.run.provenance.held is not None:
         return
 
-    def arrival(method: Integrator, by: InterpolatedForces) -> Rows:
-        """The rows that a method makes of those before."""
+    def arrival(method: Integrator, by: InterpolatedForces) -> Rows | None:
+        """The rows that a method makes of those before; None if it is of no such rows."""
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
-        return next(maps(plant, own, force, comparison.counts, 1, [method])).end
+        of = next(maps(plant, own, force, comparison.counts, 1, [method]), None)
+        return None if of is None else of.end
 
     @cache
-    def assumed() -> Rows:
+    def assumed() -> Rows | None:
         return arrival(first, forces)
 
     def alike(method: Integrator, other: InterpolatedForces) -> bool:
-        apart = point.model.difference(assumed(), arrival(method, other))
+        one, two = assumed(), arrival(method, other)
+        if one is None or two is None:
+            return False
+        apart = point.model.difference(one, two)
         return bool(0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN)
 
     held = "step" if forces.several else "end" if first.later else "start"

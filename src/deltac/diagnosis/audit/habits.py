@@ -636,23 +636,23 @@ def limited(
     With the finding that says so. Prediction errors tell what force acted in each interval. Beyond a limit it
     is the same in all of them; the limit that closes the rows is found by steps of Gauss and Newton.
     """
-    found = _Limits.of(begun.points[-1]) if begun.points else None
+    limits = _Limits.of(begun.points[-1]) if begun.points else None
     again: Inference | Unclosed | None = begun
-    for _ in range(NEWTON_STEPS if found is not None else 0):
-        assert found is not None
-        between = found.between(run)
+    for _ in range(NEWTON_STEPS if limits is not None else 0):
+        assert limits is not None
+        between = limits.between(run)
         again = closed(mechanism, between)
         if isinstance(again, Inference):
-            return between, found.told
+            return between, limits.told
         if again is None or not again.points:
             return None
-        found, before = found.moved(again.points[-1]), found
-        if np.allclose(found.ends, before.ends, rtol=SAME, atol=0.0):
+        limits, before = limits.moved(again.points[-1]), limits
+        if np.allclose(limits.ends, before.ends, rtol=SAME, atol=0.0):
             break
-    if found is None or not isinstance(again, Unclosed):
+    if limits is None or not isinstance(again, Unclosed):
         return None
     right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN  # noise alone may look like a cause
-    return (found.between(run), found.told) if right else None
+    return (limits.between(run), limits.told) if right else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -682,9 +682,9 @@ class _Limits:
                     below, above = x < high, x > low
                     low, high = -_upper(-x[below], -y[below]), _upper(x[above], y[above])
                 others = np.delete(acted - first, place, axis=1)
-                left = float(np.sum((y - np.clip(x, low, high)) ** 2) + np.sum(others**2))
-                if left < least:
-                    least, best = left, _Limits(name, speed, place, x, (low, high))
+                rest = float(np.sum((y - np.clip(x, low, high)) ** 2) + np.sum(others**2))
+                if rest < least:
+                    least, best = rest, _Limits(name, speed, place, x, (low, high))
         return best
 
     def between(self, run: Trajectory) -> Trajectory:
@@ -699,8 +699,8 @@ class _Limits:
         if len(more) != len(self.first):
             return self
         low, high = (
-            end + float(np.mean(more[beyond])) if beyond.any() else end
-            for end, beyond in zip(
+            end + float(np.mean(more[outside])) if outside.any() else end
+            for end, outside in zip(
                 self.ends, (self.first < self.ends[0], self.first > self.ends[1])
             )
         )
@@ -737,13 +737,13 @@ def _forces_that_acted(point: Point) -> Array:
 def _upper(x: Array, y: Array) -> float:
     """The limit c for which min(x, c) is nearest to y; infinite where none is nearer than x."""
     order = np.argsort(x)[::-1]
-    beyond, within = y[order], ((y - x)[order]) ** 2
+    outside, within = y[order], ((y - x)[order]) ** 2
     count = np.arange(1.0, len(x) + 1.0)
-    spread = np.cumsum(beyond**2) - np.cumsum(beyond) ** 2 / count
-    left = spread + within.sum() - np.cumsum(within)
-    few = int(np.argmin(left))
-    alone = 0.5 * within.sum() <= left[few]
-    return np.inf if alone else float(np.mean(beyond[: few + 1]))
+    spread = np.cumsum(outside**2) - np.cumsum(outside) ** 2 / count
+    rest = spread + within.sum() - np.cumsum(within)
+    few = int(np.argmin(rest))
+    alone = 0.5 * within.sum() <= rest[few]
+    return np.inf if alone else float(np.mean(outside[: few + 1]))
 
 
 # --- coordinates of another zero ---

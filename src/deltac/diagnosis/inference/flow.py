@@ -109,16 +109,16 @@ def runge_kutta(
     """
     count, stages = len(at.t), len(tableau.b)
     width, n = (at.u if on_group else at.q).shape[1], at.u.shape[1]
-    known = np.empty((stages, count * (width + n)))  # rates and slopes of each stage
+    rates = np.empty((stages, count * (width + n)))  # of coordinates and speeds, at each stage
 
     def moved(weights: Sequence[float]) -> tuple[Array, Array]:
-        change = (np.asarray(weights) @ known[: len(weights)]).reshape(count, -1)
+        change = (np.asarray(weights) @ rates[: len(weights)]).reshape(count, -1)
         dq, du = change[:, :width], change[:, width:]
         return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
 
     for stage, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
         q, u = moved(row) if stage else (at.q, at.u)
-        t, own = at.t + c * h[:, 0], known[stage].reshape(count, -1)
+        t, own = at.t + c * h[:, 0], rates[stage].reshape(count, -1)
         own[:, :width] = u if on_group else model.rate(t, q, u)
         own[:, width:] = model.acceleration(t, q, u, force(c, stage))
     q, u = moved(tableau.b)

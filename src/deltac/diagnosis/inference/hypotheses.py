@@ -878,12 +878,12 @@ def _scores(r: Array, X: Array, Q: Array) -> Iterator[Array]:
     ends = ends[ends < len(r)]
     for part in np.split(np.arange(r.size).reshape(r.shape), ends):
         some = part.ravel()
-        left = r.ravel()[some]
+        rest = r.ravel()[some]
         leverage, along = np.linalg.eigh(Z[some].T @ Z[some])
-        known = leverage > SAME
-        own = Z[some] @ along[:, known] / np.sqrt(leverage[known])
-        grown = 1.0 / np.sqrt(np.maximum(1.0 - leverage[known], SAME)) - 1.0
-        yield X[some].T @ (left + own @ (grown * (own.T @ left)))
+        acting = leverage > SAME
+        own = Z[some] @ along[:, acting] / np.sqrt(leverage[acting])
+        grown = 1.0 / np.sqrt(np.maximum(1.0 - leverage[acting], SAME)) - 1.0
+        yield X[some].T @ (rest + own @ (grown * (own.T @ rest)))
 
 
 def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:

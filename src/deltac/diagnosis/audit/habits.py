@@ -736,6 +736,8 @@ def _forces_that_acted(point: Point) -> Array:
 
 def _upper(x: Array, y: Array) -> float:
     """The limit c for which min(x, c) is nearest to y; infinite where none is nearer than x."""
+    if not len(x):
+        return np.inf
     order = np.argsort(x)[::-1]
     outside, within = y[order], ((y - x)[order]) ** 2
     count = np.arange(1.0, len(x) + 1.0)

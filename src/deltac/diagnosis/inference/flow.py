@@ -107,20 +107,21 @@ def runge_kutta(
 
     The stages' rates of rotations are added as quaternions, or `on_group` as rotation vectors.
     """
-    count, stages = len(at.t), len(tableau.b)
-    width, n = (at.u if on_group else at.q).shape[1], at.u.shape[1]
-    rates = np.empty((stages, count * (width + n)))  # of coordinates and speeds, at each stage
+    rates, slopes = list[Array](), list[Array]()
 
     def moved(weights: Sequence[float]) -> tuple[Array, Array]:
-        change = (np.asarray(weights) @ rates[: len(weights)]).reshape(count, -1)
-        dq, du = change[:, :width], change[:, width:]
+        dq, du = np.zeros_like(rates[0]), np.zeros_like(slopes[0])
+        for w, r, s in zip(weights, rates, slopes, strict=True):
+            if w:
+                dq += w * r
+                du += w * s
         return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
 
     for stage, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
-        q, u = moved(row) if stage else (at.q, at.u)
-        t, own = at.t + c * h[:, 0], rates[stage].reshape(count, -1)
-        own[:, :width] = u if on_group else model.rate(t, q, u)
-        own[:, width:] = model.acceleration(t, q, u, force(c, stage))
+        q, u = moved(row) if rates else (at.q, at.u)
+        t = at.t + c * h[:, 0]
+        rates.append(u if on_group else model.rate(t, q, u))
+        slopes.append(model.acceleration(t, q, u, force(c, stage)))
     q, u = moved(tableau.b)
     for i, _ in model.quaternions:
         q[:, i : i + 4] /= np.linalg.norm(q[:, i : i + 4], axis=1, keepdims=True)

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, Array
-from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, PRIOR, first_order_jacobian
+from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, first_order_jacobian
 from deltac.diagnosis.inference.hypotheses import (
     MANY,
-    SIGNIFICANT,
     TOGETHER,
     Block,
     Fit,
@@ -222,9 +221,7 @@ def regression(point: Point) -> Regression:
     # fields of first order.
     white, _ = log.innovations(Phi, Q)(np.concatenate([w[:, :, None], fields], axis=2))
     alone = _block(point, white, ni, places[:0], 0.0, log.rounding)
-    c = alone.projected.nuisance[:FIRST_ORDER]
-    # What has numbers that no integrator has is of a mistake, and moves no noise.
-    c = np.clip(c, -1.0, 1.0) if np.abs(c).max() <= SIGNIFICANT * PRIOR[1] else 0.0 * c
+    c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
     moved = Phi
     if log.rounding < 1.0:
         change = first_order_jacobian(point.flow.plant, log.intervals.start, log.steps, c)

@@ -46,16 +46,15 @@ def test_a_delay_of_many_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "told"),
-    [(-2.0, 0.4, "between -2 and 0.4"), (-2.0, 9.0, "to at least -2")],
+    ("low", "high", "ends"), [(-2.0, 0.4, ("-2", "0.4")), (-2.0, 9.0, ("-2",))]
 )
-def test_a_limit(low: float, high: float, told: str) -> None:
+def test_a_limit(low: float, high: float, ends: tuple[str, ...]) -> None:
     system = CartPole()
     run = commanded(system, lambda said: float(np.clip(said[-1], low, high)))
     assert run.forces["actuator motor"].min() < low  # more than acted
     found = dc.audit(system.mechanism(), run)
     [finding] = [f for f in found.verdict.findings if f.code == "F-LIMITED-FORCES"]
-    assert told in finding.what
+    assert all(end in finding.what.split() or f"{end}," in finding.what for end in ends)
     assert found.verdict.kind == "consistent" and not found.causes
     # The classical method is exact to h⁵, 1e-11 of what flows.
     assert found.attribution is not None

@@ -777,7 +777,8 @@ def _inferred(
         if forced and share_of_a_filter(model, rows) >= 1.0 - UNNAMED:
             inference = begun.with_causes(limit, lacking, True)
     # Beside a mistake, neither forces of other rows nor a filter may close the rows; beside causes they do.
-    # Zeros of coordinates are put right before. Causes that have no more numbers than a filter are likelier.
+    # Zeros of coordinates are put right before. Causes that have no more numbers than a filter, and explain
+    # all but a thousandth, are likelier.
     if (
         inference is not None
         and "zero-offset" not in inference.kinds

@@ -1,4 +1,4 @@
-"""Habits of a log that are undone before it is judged: filters, forces of other rows or beyond limits, zeros.
+"""Habits of a log that are undone before it is judged: filters, late or limited forces, zeros of coordinates.
 
 What went into a digital filter is x + a Dx + b D²x + … of what came out, x, D a derivative in units of rows:
 the backward difference in recursive averages, and 2 (1 − z⁻¹)/(1 + z⁻¹) in filters that the trapezoid rule
@@ -28,7 +28,9 @@ from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, 
 from deltac.diagnosis.causes.causes import KINDS
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.explain.result import sentence
+from deltac.diagnosis.inference.attribution import squares
 from deltac.diagnosis.inference.forces import impulse
+from deltac.diagnosis.inference.hypotheses import CERTAIN, price
 from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS, Unclosed, closed
 from deltac.diagnosis.inference.integrators import (
     EXACT,
@@ -625,100 +627,102 @@ def _told_late(run: Trajectory, late: int) -> Finding:
     )
 
 
-# --- forces beyond what a motor gives ---
+# --- forces beyond the limits of a motor ---
 
 
 def limited(
     mechanism: Mechanism, run: Trajectory, begun: Unclosed
 ) -> tuple[Trajectory, Finding] | None:
-    """A run with the force of one motor between limits, if the rows follow from each other then; None if not.
+    """A run with the force of one motor clipped to its limits, if each row follows from the one before then.
 
-    With the finding that says so. Prediction errors tell what force acted in each interval. Beyond a limit it
-    is the same in all of them; the limit that closes the rows is found by steps of Gauss and Newton.
+    With the finding that says so; None if they do not. The prediction errors tell which force acted in each
+    interval: where the motor saturates, it is the same. The limits are refined by Gauss–Newton steps.
     """
-    limits = _Limits.of(begun.points[-1]) if begun.points else None
-    again: Inference | Unclosed | None = begun
-    for _ in range(NEWTON_STEPS if limits is not None else 0):
-        assert limits is not None
-        between = limits.between(run)
-        again = closed(mechanism, between)
-        if isinstance(again, Inference):
-            return between, limits.told
-        if again is None or not again.points:
-            return None
-        limits, before = limits.moved(again.points[-1]), limits
-        if np.allclose(limits.ends, before.ends, rtol=SAME, atol=0.0):
-            break
-    if limits is None or not isinstance(again, Unclosed):
-        return None
-    right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN  # noise alone may look like a cause
-    return (limits.between(run), limits.told) if right else None
+    with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
+        limits = _Limits.of(begun.points[-1]) if begun.points else None
+        for _ in range(NEWTON_STEPS if limits else 0):
+            assert limits is not None
+            clipped = limits.clipped(run)
+            again = closed(mechanism, clipped)
+            if isinstance(again, Inference):
+                return clipped, limits.told
+            if again is None or not again.points:
+                return None
+            refined = limits.refined(again.points[-1])
+            if np.allclose(refined.ends, limits.ends, rtol=SAME, atol=0.0):
+                # Rows with noise follow within it: noise alone may look like a cause.
+                right = again.left_by_shifts(False).get(0, np.inf) <= KNOWN
+                return (clipped, limits.told) if right else None
+            limits = refined
+    return None
 
 
 @dataclass(frozen=True, eq=False)
 class _Limits:
-    """The column of a motor's channel, as the log's forces have it, and the `ends` between which it acted.
+    """The lowest and the highest force (`ends`) of a motor that saturates.
 
-    `first` (N,) are the forces at the starts of the intervals as they were logged.
+    name    the motor's channel
+    speed   its column in the channel, `place` that among all logged forces
+    logged  its force at the starts of the intervals (N,), without limits
     """
 
     name: ChannelName
     speed: int
     place: int
-    first: Array
+    logged: Array
     ends: tuple[float, float]
 
     @staticmethod
     def of(point: Point) -> _Limits | None:
-        """Those that leave the least of what departs, if that is little; None if they do not."""
-        first, acted = point.forces.logged.first, _forces_that_acted(point)
-        least, best = SHARE_OF_SHIFT * float(np.sum((acted - first) ** 2)), None
+        """Those that explain most of the prediction errors; None where they leave more than a share."""
+        first, acted, flow = point.forces.logged.first, _acting_forces(point), point.flow
+        least, best = SHARE_OF_SHIFT * float(squares(point, flow.w).sum()), None
         for name, speeds in point.model.log.places.items():
             at = point.model.log.columns[name].start
             for place, speed in enumerate(speeds, at) if name.kind == "actuator" else ():
                 x, y = first[:, place], acted[:, place]
                 low, high = -np.inf, np.inf
-                for _ in range(2):  # what one end explains hides the other
+                for _ in range(2):  # each end is told by the rows that the other leaves alone
                     below, above = x < high, x > low
-                    low, high = -_upper(-x[below], -y[below]), _upper(x[above], y[above])
-                others = np.delete(acted - first, place, axis=1)
-                rest = float(np.sum((y - np.clip(x, low, high)) ** 2) + np.sum(others**2))
+                    low, high = -_highest(-x[below], -y[below]), _highest(x[above], y[above])
+                change = np.zeros((5, *first.shape))
+                change[:, :, place] = np.clip(x, low, high) - x
+                rest = float(squares(point, flow.w - flow.moved_by_forces(change)).sum())
                 if rest < least:
                     least, best = rest, _Limits(name, speed, place, x, (low, high))
         return best
 
-    def between(self, run: Trajectory) -> Trajectory:
-        """The run with its forces between these ends."""
+    def clipped(self, run: Trajectory) -> Trajectory:
+        """The run with the force between these limits."""
         force = np.array(run.forces[self.name])
         force[:, self.speed] = np.clip(force[:, self.speed], *self.ends)
         return replace(run, forces={**run.forces, self.name: force}, works={}, integrals={})
 
-    def moved(self, point: Point) -> _Limits:
-        """The ends by what departs at a point with the forces between these."""
-        more = (_forces_that_acted(point) - point.forces.logged.first)[:, self.place]
-        if len(more) != len(self.first):
+    def refined(self, point: Point) -> _Limits:
+        """The limits after a Gauss–Newton step, by the prediction errors of the clipped run."""
+        error = (_acting_forces(point) - point.forces.logged.first)[:, self.place]
+        low, high = self.ends
+        if len(error) != len(self.logged):
             return self
-        low, high = (
-            end + float(np.mean(more[outside])) if outside.any() else end
-            for end, outside in zip(
-                self.ends, (self.first < self.ends[0], self.first > self.ends[1])
-            )
-        )
+        if np.any(lowest := self.logged < low):
+            low += float(np.mean(error[lowest]))
+        if np.any(highest := self.logged > high):
+            high += float(np.mean(error[highest]))
         return replace(self, ends=(low, high))
 
     @property
     def told(self) -> Finding:
         """The finding that says so."""
         low, high = self.ends
-        between = f"between {low:.6g} and {high:.6g}"
+        ends = f"stayed between {low:.6g} and {high:.6g}"
         if not np.isfinite(low):
-            between = f"to at most {high:.6g}"
+            ends = f"did not exceed {high:.6g}"
         elif not np.isfinite(high):
-            between = f"to at least {low:.6g}"
+            ends = f"did not fall below {low:.6g}"
         return Finding(
             "limited-forces",
-            f"the force of `{self.name}` was limited {between}, and was logged without the limit",
-            "by the force between its limits, each row follows from the one before",
+            f"the force of `{self.name}` {ends}, but was logged without this limit",
+            "with the force limited, each row follows from the one before",
             "Log the force that acted, not the one that was commanded; the verdict is of the log with "
             "its force limited",
             "note",
@@ -726,26 +730,30 @@ class _Limits:
         )
 
 
-def _forces_that_acted(point: Point) -> Array:
-    """The forces (N, m) by which the speeds of each interval follow, by least squares."""
+def _acting_forces(point: Point) -> Array:
+    """The mean forces (N, m) that make the speeds of each interval follow, by least squares."""
     h, responses = point.log.intervals.h, point.flow.force_responses
     assumed = np.mean([point.forces.between(s) for s in (0.25, 0.5, 0.75)], axis=0)
     rates = point.flow.w[:, point.model.n :, None] / h[:, :, None]
     return np.asarray(assumed + (np.linalg.pinv(responses.transpose(1, 2, 0)) @ rates)[:, :, 0])
 
 
-def _upper(x: Array, y: Array) -> float:
-    """The limit c for which min(x, c) is nearest to y; infinite where none is nearer than x."""
+def _highest(x: Array, y: Array) -> float:
+    """The limit c for which min(x, c) fits y best; infinite where no limit has odds."""
     if not len(x):
         return np.inf
     order = np.argsort(x)[::-1]
-    outside, within = y[order], ((y - x)[order]) ** 2
+    saturated, errors = y[order], ((y - x)[order]) ** 2
     count = np.arange(1.0, len(x) + 1.0)
-    spread = np.cumsum(outside**2) - np.cumsum(outside) ** 2 / count
-    rest = spread + within.sum() - np.cumsum(within)
+    scatter = np.cumsum(saturated**2) - np.cumsum(saturated) ** 2 / count
+    rest = np.maximum(scatter + errors.sum() - np.cumsum(errors), SAME**2 * np.sum(y**2) + 1e-300)
     few = int(np.argmin(rest))
-    alone = 0.5 * within.sum() <= rest[few]
-    return np.inf if alone else float(np.mean(outside[: few + 1]))
+    odds = 0.5 * len(x) * float(np.log((errors.sum() + 1e-300) / rest[few]))
+    limit = float(np.mean(saturated[: few + 1]))
+    # A motor that always saturates may have another gear as well.
+    sometimes = few + 1 < len(x) and limit < x[order[few]]
+    certain = odds > CERTAIN + price(1, len(x), len(x))
+    return limit if sometimes and certain else np.inf
 
 
 # --- coordinates of another zero ---

@@ -185,8 +185,8 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
 def disputed_joules(comparison: HypothesisComparison) -> Array:
     """Joules (N,) of the integrator's fields that a mistake may have made which does about the same to rows.
 
-    It takes of them what its number within its error does, at most what is beside the nearest method; all of
-    that where no integrator has such numbers.
+    It takes of them what its number within its error does, at most what the nearest method does not explain;
+    all of that where it exceeds what integrators have, by their prior.
     """
     at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
@@ -444,9 +444,10 @@ def through_speeds(point: Point, w: Array) -> tuple[Array, NDArray[np.bool_]]:
 def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
-    By those it arrives at the same rows as far as their noise tells, and the flow does not; or one does that
-    closes the rows alike. Who asks for forces at several instants of a step takes them as functions of time;
-    those that keep their values over several rows are held.
+    The method, or another that closes the rows alike, makes the same rows of them within the noise; the exact
+    motion differs. A method that evaluates forces at several instants of a step needs functions of time.
+    Forces that keep their values over several rows are held; those that splines resolve are not piecewise
+    linear.
     """
     at, point, methods = comparison.at, comparison.point, dict.fromkeys(comparison.methods)
     first, forces, log, plant = comparison.methods[0], point.forces, point.log, point.flow.plant
@@ -456,7 +457,7 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
         return
 
     def arrival(method: Integrator, by: InterpolatedForces) -> Rows | None:
-        """The rows that a method makes of those before; None if it is of no such rows."""
+        """The rows that a method makes of those before; None if it has no map of such steps."""
         force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
         own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
         of = next(maps(plant, own, force, comparison.counts, 1, [method]), None)
@@ -475,7 +476,7 @@ def _other_forces(comparison: HypothesisComparison) -> Iterator[Array]:
 
     held = "step" if forces.several else "end" if first.later else "start"
     functions = ["smooth"] if forces.several else ["ramp", "smooth"]
-    for kind in [held, *functions] if first.asks_once else functions:
+    for kind in [held, *functions] if first.samples_once else functions:
         smooth = [kind == "ramp" and not kinked for kinked in forces.kinked]
         own = zip(forces.kinds, forces.stairs, smooth, strict=True)
         other = forces.of([before if any(as_before) else kind for before, *as_before in own])

@@ -64,9 +64,8 @@ CUBIC, QUINTIC = 3, 5
 """Degrees of the spline by which smooth forces act, and of the one that estimates its error, which is largest
 at the ends, where rows on one side alone tell."""
 
-KEPT_FRACTIONS, KEPT_NUMBERS = 32, 2**19
-"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8; of short logs as
-many as take 4 MB."""
+KEPT_FRACTIONS = 32
+"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +113,7 @@ class LoggedForce:
                 F = F + weights[k] * self.part(k, s, begin)
             return F
 
-        kept = max(KEPT_FRACTIONS, KEPT_NUMBERS // max(self.first.size, 1))
-        return LoggedForceBetween(self, kinds, at, lru_cache(kept)(at))
+        return LoggedForceBetween(self, kinds, at, lru_cache(KEPT_FRACTIONS)(at))
 
     def take(self, which: NDArray[np.intp]) -> LoggedForce:
         """Those in some of the intervals."""
@@ -260,7 +258,7 @@ class InterpolatedForces:
 
     @cached_property
     def kinked(self) -> tuple[bool, ...]:
-        """Whether splines of two orders differ by much of what they add to lines: columns may be straight."""
+        """Whether columns may be piecewise linear: splines of two orders differ by a tenth of the bend."""
         first, last = self.logged.bends
         bend, gap = (np.mean(x**2, axis=0) for x in ((first - last) / 12.0, self.logged.gap))
         return tuple((gap > ROUGHLY**2 * bend).tolist())

@@ -865,10 +865,9 @@ def _by_stretches(blocks: Sequence[Block], fit: Fit, alternatives: int) -> list[
 def _scores(r: Array, X: Array, Q: Array) -> Iterator[Array]:
     """Scores of each stretch, where columns (K · d, q) leave r (K, d).
 
-    A fit leaves less of the few rows by which it was made than it would of others: residuals of a stretch are
-    scaled to those of the truth, (1 − H)^−½ r with its part of the hat matrix (Bell & McCaffrey, Survey
-    Methodology 28, 2002). Q spans the columns that are beside these. Stretches are of equal time and
-    information, half and half.
+    Residuals of rows with a large leverage are smaller than the errors that made them: each stretch has
+    (1 − H)^−½ r, H its block of the hat matrix (Bell & McCaffrey, Survey Methodology 28, 2002). Q spans the
+    nuisance columns. The boundaries divide the mean of time and information equally.
     """
     Y = np.linalg.qr(X * inverse_sizes(np.sum(X**2, axis=0)))[0]
     Z = np.concatenate([Q, Y], axis=1)

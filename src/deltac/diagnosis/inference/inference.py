@@ -394,16 +394,13 @@ def _at_itself(
             without = _closing_alone(point, comparison)
             if without is not None:
                 return inferred(without)
-        # To first order others looked like terms of an equation.
+        # To first order other causes may explain what terms of one equation do.
         doubted = asked and chosen and not filtered and result.excess > KNOWN and not result.closes
         term = _term(point, equations) if doubted else None
         if term is not None:
             return inferred(term)
         forced = not filtered and _is_unexplained(point, result)
-        other = _of_force(point, result) if forced else None
-        if other is not None:
-            return other
-        return _of_steps(comparison, result)
+        return (_of_force(point, result) if forced else None) or _of_steps(comparison, result)
     except NO_MOTION:
         return None
 
@@ -506,11 +503,11 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
 
 
 def _acting_as_in(comparison: HypothesisComparison) -> HypothesisComparison:
-    """The comparison by forces that act as in the method, where rows do not show how they act between."""
+    """The comparison with forces that act as the method implies, where the rows do not show how they act."""
     method = comparison.methods[0]
-    # Near the right method of second order, before causes are linearised at themselves,
-    # others may leave less.
-    for function in ("smooth", "ramp") if method.asks_once or comparison.closing else ():
+    # Before causes are linearised at themselves, another method than the right one may leave less: only one
+    # that closes the rows tells of forces.
+    for function in ("smooth", "ramp") if method.samples_once or comparison.closing else ():
         moved = acting_as_in(comparison, function)
         if moved is comparison.point:
             break
@@ -688,7 +685,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> HypothesisC
             reached = start
             earlier.add(names)
             closed = start <= KNOWN * block.least
-            # Rows that an unknown integrator closes may follow by a method, at the causes themselves.
+            # Rows that an unknown integrator closes may be closed by a method once causes are built in.
             unknown = closed and not own.maps and not turn
             if not unknown and (closed or (last and not halved)):
                 break

@@ -387,8 +387,8 @@ class Integrator:
     rotations: bool = False
 
     @property
-    def asks_once(self) -> bool:
-        """Whether it asks for forces at one instant of each step: what they do between is not in its rows."""
+    def samples_once(self) -> bool:
+        """Whether it evaluates forces once a step: its rows do not show what they do in between."""
         return self.order == 1 or self.memory is _adams_bashforth
 
 

@@ -100,16 +100,16 @@ def closed_by_other_forces(
 
 
 def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
-    """The point at which forces act as a method has them, of which rows do not show it; itself if they do.
+    """The point with forces that act between the rows as the method implies; itself if they do already.
 
-    Whoever computes them once a step holds them, and so are those held that keep their values over several
-    rows. Who takes those of the next row, of both, or of rows before, or of some instant in between, does not
-    hold them: they are a `function` of time, "smooth" or "ramp".
+    Forces that are computed once a step are held over it, and so are those that keep their values over
+    several rows. A method that evaluates forces after the step, at both ends, in between or at earlier rows
+    needs them as a `function` of time, "smooth" or "ramp".
     """
     point, method, counts = comparison.point, comparison.methods[0], comparison.counts
     held = "step" if counts.max() > 1 else "start"
-    holds = not method.later and (method.order == 1 or not (method.step or method.asks_once))
-    of_rows = ("start",) if method.later else HELD if method.asks_once else ()
+    holds = not method.later and (method.order == 1 or not (method.step or method.samples_once))
+    of_rows = ("start",) if method.later else HELD if method.samples_once else ()
 
     def acting(kind: str, stair: bool) -> str:
         if stair and held == "start":

@@ -7,6 +7,7 @@ angle, and to first order at the tilted model half of the angle would explain it
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy.linalg import expm
 
 import deltac as dc
 from deltac.arrays import Array
+from deltac.diagnosis.explain.explain import advice
 from tests.support.slow import repeated
 
 pytestmark = pytest.mark.case_study(
@@ -110,6 +112,14 @@ def test_sizes_are_those_of_the_true_model(case: Case) -> None:
     assert abs(value) == pytest.approx(abs(size), abs=4.0 * error + 1e-9)
     assert error < (0.03 if kind == "joint-axis" else 1e-4) * abs(size)
     assert explanation.explained > 1.0 - 1e-9
+    # The square of what is built in has a column of its own, of which no trial motion tells.
+    inference = result.inference
+    assert inference is not None
+    posterior = inference.posterior
+    columns = sum(len(own.columns) for own in inference.kernels)
+    assert max(k for c in posterior.best.chosen for k in c.columns) >= columns
+    same = replace(inference, posterior=replace(posterior, alternatives=(posterior.best,)))
+    assert "equivalent" in advice(log(), same)
 
 
 def test_the_right_model_is_right() -> None:

@@ -199,7 +199,7 @@ def advice(run: Trajectory, inference: Inference) -> str:
 
 
 def _effects(inference: Inference, samples: Samples, fits: list[Fit]) -> list[Array]:
-    """What each fit adds to the equations at the samples, scaled equation by equation."""
+    """What each fit adds to the equations at the samples, to first order, scaled equation by equation."""
     logged = samples[-1]
     rng = np.random.default_rng(2)
     rates = [rng.standard_normal(logged.shape) * (np.abs(logged) > 0) for _ in range(2)]
@@ -212,7 +212,9 @@ def _effects(inference: Inference, samples: Samples, fits: list[Fit]) -> list[Ar
     for fit in fits:
         total = np.zeros(X.shape[:2])
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            effect = X[..., list(c.columns)] @ fit.of(k)
+            columns = np.array(c.columns)
+            linear = columns < X.shape[2]  # those beyond are bends of causes that are built in
+            effect = X[..., columns[linear]] @ fit.of(k)[linear]
             if c.touching is not None:  # it pushes to one side, wherever else the motion goes
                 effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
             total += effect

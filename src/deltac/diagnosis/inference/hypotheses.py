@@ -338,8 +338,8 @@ def nothing(columns: int) -> Fit:
 class _Together:
     """Causes at once: their numbers x, one after the other, as coefficients of their own columns.
 
-    `own` are the places of these columns among those of all causes, hundreds. `grown`: whether some multiply
-    others.
+    `own` are the places of these columns among those of all causes, hundreds. `limits` are those of numbers
+    that have squares. `grown`: whether some multiply others.
     """
 
     def __init__(self, chosen: Sequence[Candidate]) -> None:
@@ -355,6 +355,8 @@ class _Together:
         self.grown = any(map(any, units))
         self.units = np.array(units) if self.grown else np.zeros((0, 0))
         self.linear = not self.grown and all(c.quadratic is None for c in chosen)
+        bounds = [c.limit if c.quadratic is not None else np.inf for c in chosen]
+        self.limits = np.repeat(bounds, [c.size for c in chosen])
         self._fixed: Array | None = None
         self._fixed = self.tangent(np.zeros(self.size)) if self.linear else None
 
@@ -412,6 +414,13 @@ def fitted(
     raw = [b.gram[0][(at := b.causes[own])[:, None], at] for b in blocks]
     left_of = [b.projected.A[own[:, None], own] for b in blocks]
     variance = [b.start / b.count for b in blocks]
+    prior = causes.limits**-2.0
+    if not causes.linear:
+        # Where the linear effect of a number vanishes, its square tells; at zero that has no slope.
+        T = causes.tangent(x)
+        terms = sum((np.sqrt(np.diag(G)) @ np.abs(T)) ** 2 for G in raw)
+        vanishing = sum(((G @ T) * T).sum(axis=0) for G in raw) <= CANCELLED * terms
+        x = np.where(vanishing & (x == 0.0) & (prior > 0.0), ROUGHLY * causes.limits, x)
 
     def coefficients(x: Array) -> Array:
         every = np.zeros(P)
@@ -420,11 +429,11 @@ def fitted(
 
     def inverted(T: Array) -> Array | None:
         """The inverse of the normal matrix; None where it is singular."""
-        squares = np.asarray(sum(((G @ T) * T).sum(axis=0) / s for G, s in zip(raw, variance)))
+        squares = sum((((G @ T) * T).sum(axis=0) / s for G, s in zip(raw, variance)), start=prior)
         if not np.all(squares > 0.0):
             return None
         d = inverse_sizes(squares)
-        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left_of, variance)))
+        X = sum((T.T @ A @ T / s for A, s in zip(left_of, variance)), start=np.diag(prior))
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
         if not values[0] >= SAME:
             return None

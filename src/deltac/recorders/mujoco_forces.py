@@ -154,6 +154,32 @@ def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array)
     return dict(_passive(model, data, elements, plastic, _Remainders.of(model, data, elements)))
 
 
+def motor_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None:
+    """Channel -> generalized forces (T, nv) of motors by their controls (T, nu), which they hold.
+
+    None where an actuator is no motor on a joint: then its force varies with the state between two rows.
+    """
+    mujoco = _mujoco()
+    motors = (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+    )
+    on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
+    elements = Elements.of(model, grouped=True)
+    if not (model.nu and motors.all() and on_joints.all()) or elements.as_actuator.any():
+        return None
+    data, rows = mujoco.MjData(model), list[Forces]()
+    for data.qpos[:], data.qvel[:], data.ctrl[:] in zip(q, u, ctrl, strict=True):
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        lost = _Remainders.of(model, data, elements)
+        rows.append(dict(_actuators(model, data, elements, lost)))
+    names = [f"actuator {name}" for name in elements.actuators]
+    return {name: np.array([row[name] for row in rows]) for name in names}
+
+
 def mass_times(model: Model, data: Data, acceleration: Array) -> Array:
     """M(q) a (nv,), with the mass matrix of the last forward pass."""
     product = np.zeros(model.nv)

@@ -104,12 +104,16 @@ def replay_mujoco(
     # Do controls belong to the steps after their row, or before it?
     rows = range(min(len(t) - 1, SOME_ROWS))
     shifts = (0, 1) if own.nu else (0,)
+    turning = np.zeros(own.nq, dtype=np.bool_)
+    hinges = own.jnt_type == simulator("mujoco", "mujoco").mjtJoint.mjJNT_HINGE
+    turning[own.jnt_qposadr[hinges]] = True
     misses = [
-        _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u) for shift in shifts
+        _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u, turning)
+        for shift in shifts
     ]
     late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
-    missed = _missed(ends, q, u)
+    missed = _missed(ends, q, u, turning)
     digits = DIGITS_ALLOWED * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
     arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
     return Replay(
@@ -140,12 +144,17 @@ def _stepped(
     return recorder.trajectory(), ends
 
 
-def _missed(ends: list[tuple[Array, Array]], q: Array, u: Array) -> Array:
-    """By how much each next row is missed, as a share of what changes from row to row."""
-    arrivals = np.array([np.concatenate(end) for end in ends])
-    rows = np.hstack([q, u])[1 : len(arrivals) + 1]
-    scale = np.concatenate([np.full(q.shape[1], _change(q)), np.full(u.shape[1], _change(u))])
-    missed: Array = np.abs((arrivals - rows) / scale).max(axis=1)
+def _missed(
+    ends: list[tuple[Array, Array]], q: Array, u: Array, turning: NDArray[np.bool_]
+) -> Array:
+    """By how much each next row is missed, as a share of what changes from row to row.
+
+    Angles of hinges, which are `turning`, may be wrapped to one turn.
+    """
+    own_q, own_u = (np.array(x) for x in zip(*ends, strict=True))
+    of_q, of_u = own_q - q[1 : len(ends) + 1], own_u - u[1 : len(ends) + 1]
+    of_q -= np.where(turning, 2.0 * np.pi * np.round(of_q / (2.0 * np.pi)), 0.0)
+    missed: Array = np.abs(np.hstack([of_q / _change(q), of_u / _change(u)])).max(axis=1)
     return np.where(np.isfinite(missed), missed, np.inf)
 
 

@@ -519,6 +519,11 @@ def _judged(
             model, reference, log, mapping, required=bool(source.replay), limit=limit
         )
         findings, departures = again.findings, again.departures
+        if again.motored is not None and source.passive:
+            motored = read_log(mechanism, again.motored, reference.work, None, keep=LONG_LOG)
+            judged = _judgement(reference, motored, (), limit)
+            if _is_explained(judged):
+                return judged
         if again.run is not None:
             log, mapping = again.run, None
     if not source.passive:
@@ -832,6 +837,16 @@ def _in_doubt(
 def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
     """Whether rows follow from each other but for noise, or `most` of it, perhaps beside causes."""
     return inference is not None and (inference.closes or inference.excess <= most)
+
+
+def _is_explained(judged: Judgement) -> bool:
+    """Whether rows follow from each other, perhaps beside causes that are more than a scale of all controls.
+
+    Policies put out controls that are yet to be scaled.
+    """
+    scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
+    axes = any(f.kind in ("joint-axis", "axis-sign") for f in judged.noticed)
+    return axes or (_follows(judged.inference) and not scales)
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

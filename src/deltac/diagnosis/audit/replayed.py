@@ -20,6 +20,7 @@ from deltac.energy import balance
 from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
+from deltac.recorders.mujoco_forces import motor_forces
 from deltac.recorders.mujoco_recorder import compiled_model
 from deltac.recorders.replay import Replay, replay_mujoco
 from deltac.trajectories import Trajectory
@@ -49,11 +50,13 @@ class Attempt:
     findings    what it tells
     departures  (T,) energy (J) of each row of the run beyond that of the state at which the step before it
                 arrived
+    motored     the log with the forces of its motors, where its rows are not reproduced
     """
 
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
+    motored: Trajectory | None = None
 
 
 def replayed(
@@ -100,7 +103,12 @@ def replayed(
                 return Attempt(None)
         except InputError:  # the audit says what is wrong with the log
             return Attempt(None)
-        return _unasked(program, mechanism, reading, missing, limit) if missing else Attempt(None)
+        if not missing:
+            return Attempt(None)
+        attempt = _unasked(program, mechanism, reading, missing, limit)
+        if attempt.run is None and attempt.findings:
+            return replace(attempt, motored=_motored(program, mechanism, reading))
+        return attempt
 
 
 def _attempt(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Attempt:
@@ -164,6 +172,20 @@ def _unasked(
         return _attempt(program, mechanism, reading)
     except InputError as error:
         return _not_replayed("the model cannot be stepped between the rows", str(error), "")
+
+
+def _motored(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Trajectory | None:
+    """The log with forces of motors, which hold its controls; None where it has none, or other actuators."""
+    run, _ = in_model_order(mechanism, reading.trajectory())
+    controls = _arrays(reading, CONTROLS, program.nu) if program.nu else []
+    if len(controls) != 1 or (run.q.shape[1], run.u.shape[1]) != (program.nq, program.nv):
+        return None
+    forces = motor_forces(program, run.q, run.u, controls[0])
+    if forces is None:
+        return None
+    held = (*(run.provenance.held or ()), *forces)
+    provenance = replace(run.provenance, held=held)
+    return replace(run, forces={**run.forces, **forces}, provenance=provenance)
 
 
 def _stepped(

@@ -571,10 +571,15 @@ def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparis
 
 
 def _likeliest(built: Sequence[HypothesisComparison]) -> list[HypothesisComparison]:
-    """Those that leave nothing, by a known method if there is one, or else those as likely as the best."""
+    """Those that leave nothing, by a known method if there is one, or else those as likely as the best.
+
+    What leaves more than noise is not likely where another does not.
+    """
     equal = [one for one in built if _nothing_left(one)]
     if equal or not built:
         return [one for one in equal if one.maps] or equal
+    if min(one.excess for one in built) <= 1.0:
+        built = [one for one in built if one.excess <= KNOWN]
     odds = _log_odds(built)
     return [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
 

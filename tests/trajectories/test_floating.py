@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 import deltac as dc
 from deltac.arrays import Array
@@ -68,6 +69,24 @@ def test_accelerations_of_body_components_are_those_of_the_origin() -> None:
     assert run.udot[inner] == pytest.approx(rates[inner], abs=2e-3)
     # Free fall: the mass centre accelerates by gravity, whatever the trunk does.
     assert run.u[:, :3] == pytest.approx(WALK.v, abs=1e-9)
+
+
+def test_a_wrench_on_the_body_is_turned_into_the_schema() -> None:
+    """Pinocchio's τ of the width of v: six components on the body, in its frame, then the joints'."""
+    rng = np.random.default_rng(2)
+    force, moment = rng.standard_normal((2, len(WALK.t), 3))
+    table = {
+        "t": WALK.t,
+        "q": np.hstack([WALK.p, WALK.xyzw, WALK.q]),
+        "v": np.hstack([WALK.v_body, WALK.w, WALK.u]),
+        "tau": np.hstack([force, moment, 0.1 * WALK.u]),
+    }
+    run = read_trajectory(table, None, models.walker())
+    [wrench] = [f for name, f in run.forces.items() if name.kind == "applied"]
+    in_world = Rotation.from_quat(WALK.xyzw).apply(force)
+    assert wrench[:, :6] == pytest.approx(np.hstack([in_world, moment]), abs=1e-9)
+    others = [f for name, f in run.forces.items() if name.kind == "actuator"]
+    assert np.sum(others, axis=0)[:, 6:] == pytest.approx(0.1 * WALK.u)
 
 
 def test_a_mapping_says_frames(tmp_path: Path) -> None:

@@ -710,6 +710,8 @@ def _of_floating(
         for column, target in zip(s.arrays[same[0]] if len(same) == 1 else (), speeds):
             speed = target.removeprefix("u.")
             of = _of_speed(speed, s.names)[kind]
+            if kind == "force" and speed.startswith(f"{joint}."):  # a wrench is one channel
+                of = f"force.applied {joint}.{speed}"
             because = f"they are as many as the speeds, and {why}"
             yield Meaning(of, column, because, basis, frame=of_speed.get(speed, ""))
 

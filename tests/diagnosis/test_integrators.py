@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import deltac as dc
+from deltac.arrays import Array
 from deltac.diagnosis.inference.flow import predict
 from deltac.diagnosis.inference.forces import ForceBetween, LoggedForce
 from deltac.diagnosis.inference.integrators import (
@@ -179,3 +181,44 @@ def test_numbers_that_were_fitted_to_the_memory_of_a_method_have_a_price() -> No
     assert list(alike(both, 0, 0.0, np.array([0, 7]))) == [0]
     # A method that closes the rows is worth its numbers.
     assert likeliest_of(np.stack([r, 1e-3 * r], axis=2), np.array([0, 7])) == 1
+
+
+def test_only_dampers_of_joints_are_at_the_end_of_mujocos_step() -> None:
+    """Its Euler method takes the damper of a cord as a force at the row.
+
+    The true joules are those of each step beyond the flow of a pendulum that is written out here.
+    """
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
+    h, mass, length, moment, pin, cord = 2e-3, 1.0, 0.5, 0.05, 0.2, 0.3
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="{h}" integrator="Euler"/><worldbody><body>
+        <joint name="pin" axis="0 1 0" damping="{pin}"/><inertial pos="0 0 -{length}" mass="{mass}"
+        diaginertia="{moment} {moment} {moment}"/></body></worldbody><tendon><fixed name="cord"
+        damping="{cord}"><joint joint="pin" coef="1"/></fixed></tendon></mujoco>"""
+    )
+    data, rows = mujoco.MjData(model), list[tuple[float, float, float]]()
+    data.qpos[0] = 2.0
+    for _ in range(800):
+        rows.append((data.time, data.qpos[0], data.qvel[0]))
+        mujoco.mj_step(model, data)
+    t, q, u = np.array(rows).T
+    run = dc.Trajectory(t=t, q=q[:, None], u=u[:, None], coordinates=("pin",), speeds=("pin",))
+    audit = dc.audit(model, run)
+    assert not audit.causes and audit.integrator is not None
+    assert audit.integrator.names == ("implicit-damping-euler",)
+
+    inertia = moment + mass * length**2
+
+    def rate(_: float, x: Array) -> Array:
+        weight = mass * 9.81 * length * np.sin(x[0])
+        return np.array([x[1], -(weight + (pin + cord) * x[1]) / inertia])
+
+    def energy(x: Array) -> float:
+        return float(0.5 * inertia * x[1] ** 2 - mass * 9.81 * length * np.cos(x[0]))
+
+    joules = 0.0
+    for start, end in zip(np.column_stack([q, u])[:-1], np.column_stack([q, u])[1:], strict=True):
+        exact = solve_ivp(rate, (0.0, h), start, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        joules += energy(end) - energy(exact)
+    share = audit.attribution.integrator  # type: ignore[union-attr]
+    assert share.energy == pytest.approx(joules, abs=2.0 * share.error + 1e-9)

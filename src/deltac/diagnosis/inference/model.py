@@ -18,6 +18,7 @@ from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import RowExpression
 from deltac.mechanism.channels import PASSIVE
+from deltac.mechanism.forces import JointDamper
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
@@ -91,10 +92,12 @@ class _Expressions:
             r = (force - rnea(s, still))[at]
             a, _ = bound.schur.solve(r, bound.rows.gamma)
             G = bound.rows.G
+        # Engines that treat damping implicitly do so in joints, not in cords and between bodies.
+        joints = {x.name for x in mechanism.elements if isinstance(x, JointDamper)}
         dampers = [
             p.force[at]
             for p in symbols.parts
-            if p.name.kind == "damper" and p.name not in log.places
+            if p.name.kind == "damper" and p.name not in log.places and p.name.element in joints
         ]
         damping = ca.SX(sum(dampers, start=ca.SX.zeros(len(at))))
         E = ca.SX(terms.K2 + terms.K1 + terms.K0 + terms.V)

@@ -23,6 +23,7 @@ from deltac.importers.names import (
     equality_names,
     geom_names,
     joint_names,
+    motor_strengths,
     tendon_names,
 )
 from deltac.recorders.recorder import simulator
@@ -159,15 +160,10 @@ def motor_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None
 
     None where an actuator is no motor on a joint: then its force varies with the state between two rows.
     """
-    mujoco = _mujoco()
-    motors = (
-        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
-        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
-        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
-    )
-    on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    elements = Elements.of(model, grouped=True)
-    if not (model.nu and motors.all() and on_joints.all()) or elements.as_actuator.any():
+    mujoco, elements = _mujoco(), Elements.of(model, grouped=True)
+    simple = len(motor_strengths(model)) == len(elements.actuators) and not model.na
+    on_joints = np.all(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
+    if not (model.nu and simple and on_joints) or elements.as_actuator.any():
         return None
     data, rows = mujoco.MjData(model), list[Forces]()
     for data.qpos[:], data.qvel[:], data.ctrl[:] in zip(q, u, ctrl, strict=True):

@@ -519,9 +519,9 @@ def _judged(
             model, reference, log, mapping, required=bool(source.replay), limit=limit
         )
         findings, departures = again.findings, again.departures
-        if again.motored is not None and source.passive:
-            motored = read_log(mechanism, again.motored, reference.work, None, keep=LONG_LOG)
-            judged = _judgement(reference, motored, (), limit)
+        if again.with_motors is not None and source.passive:
+            read = read_log(mechanism, again.with_motors, reference.work, None, keep=LONG_LOG)
+            judged = _judgement(reference, read, (), limit)
             if _is_explained(judged):
                 return judged
         if again.run is not None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SOME_ROWS, Array
+from deltac.arrays import SAME_STEP, SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
@@ -50,13 +50,13 @@ class Attempt:
     findings    what it tells
     departures  (T,) energy (J) of each row of the run beyond that of the state at which the step before it
                 arrived
-    motored     the log with the forces of its motors, where its rows are not reproduced
+    with_motors the log with the forces of its motors, where its rows are not reproduced
     """
 
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
-    motored: Trajectory | None = None
+    with_motors: Trajectory | None = None
 
 
 def replayed(
@@ -107,7 +107,7 @@ def replayed(
             return Attempt(None)
         attempt = _unasked(program, mechanism, reading, missing, limit)
         if attempt.run is None and attempt.findings:
-            return replace(attempt, motored=_motored(program, mechanism, reading))
+            return replace(attempt, with_motors=_with_motors(program, mechanism, reading))
         return attempt
 
 
@@ -174,7 +174,7 @@ def _unasked(
         return _not_replayed("the model cannot be stepped between the rows", str(error), "")
 
 
-def _motored(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Trajectory | None:
+def _with_motors(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Trajectory | None:
     """The log with forces of motors, which hold its controls; None where it has none, or other actuators."""
     run, _ = in_model_order(mechanism, reading.trajectory())
     controls = _arrays(reading, CONTROLS, program.nu) if program.nu else []
@@ -183,7 +183,9 @@ def _motored(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Tra
     forces = motor_forces(program, run.q, run.u, controls[0])
     if forces is None:
         return None
-    held = (*(run.provenance.held or ()), *forces)
+    held = run.provenance.held
+    if np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max() <= SAME_STEP:
+        held = (*(held or ()), *forces)  # over several steps they may have been others
     provenance = replace(run.provenance, held=held)
     return replace(run, forces={**run.forces, **forces}, provenance=provenance)
 

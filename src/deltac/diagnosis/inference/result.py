@@ -280,7 +280,7 @@ class Inference:
         terms = self.generic.explained if self.generic.log_odds > CERTAIN else 0.0
         return (
             self.unnamed > (SLIGHT if doubted else UNNAMED)
-            or self.misfit > UNNAMED
+            or (self.misfit > UNNAMED and not self.measured)
             or self.by_filter > max(self.explained, terms)
             or (self.lost and self.explained < COLOURED)
         )

@@ -102,6 +102,8 @@ def test_another_model_is_seen(tmp_path: Path) -> None:
     [
         (lambda log: log.pop("ctrl"), "E-LOG"),
         (lambda log: log.update(ctrl=log["ctrl"][:, :1]), "E-LOG"),
+        (lambda log: log.update(ctrl=log["ctrl"][:-1]), "E-LOG"),  # one control fewer than states
+        (lambda log: log.update(ctrl=log["ctrl"] * np.nan), "E-LOG"),
         (lambda log: log.update(time=log["time"] * 1.05), "E-LOG"),
         (lambda log: log.update(time=log["time"] ** 2 + log["time"]), "E-LOG"),
     ],
@@ -157,6 +159,8 @@ def test_forces_that_a_model_lacks_are_not_stepped(tmp_path: Path) -> None:
     "change",
     [
         lambda log: log.pop("ctrl"),
+        lambda log: log.update(ctrl=log["ctrl"][:-1]),
+        lambda log: log.update(ctrl=log["ctrl"] * np.nan),
         lambda log: log.update(ctrl=log["ctrl"][::-1]),  # of another run
         pytest.param(  # not yet scaled, as policies put them out
             lambda log: log.update(ctrl=10.0 * log["ctrl"]), marks=pytest.mark.slow

@@ -156,9 +156,9 @@ def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array)
 
 
 def motor_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None:
-    """Channel -> generalized forces (T, nv) of motors by their controls (T, nu), which they hold.
+    """Channel -> generalized forces (T, nv), N or N·m, of motors by their controls (T, nu) at states q, u.
 
-    None where an actuator is no motor on a joint: then its force varies with the state between two rows.
+    None where an actuator is no motor on a joint: its force would vary with the state between two rows.
     """
     mujoco, elements = _mujoco(), Elements.of(model, grouped=True)
     simple = len(motor_strengths(model)) == len(elements.actuators) and not model.na

@@ -149,7 +149,7 @@ def _missed(
 ) -> Array:
     """By how much each next row is missed, as a share of what changes from row to row.
 
-    Angles of hinges, which are `turning`, may be wrapped to one turn.
+    Coordinates that are `turning` (nq,) are angles of hinges: they may be wrapped to one turn.
     """
     own_q, own_u = (np.array(x) for x in zip(*ends, strict=True))
     of_q, of_u = own_q - q[1 : len(ends) + 1], own_u - u[1 : len(ends) + 1]

@@ -840,9 +840,9 @@ def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
 
 
 def _is_explained(judged: Judgement) -> bool:
-    """Whether rows follow from each other, perhaps beside causes that are more than a scale of all controls.
+    """Whether each row follows from the one before, perhaps with causes other than a scale of forces.
 
-    Policies put out controls that are yet to be scaled.
+    A scale may be that between a policy's output and the controls of the motors.
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
     axes = any(f.kind in ("joint-axis", "axis-sign") for f in judged.noticed)

@@ -175,17 +175,21 @@ def _unasked(
 
 
 def _with_motors(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Trajectory | None:
-    """The log with forces of motors, which hold its controls; None where it has none, or other actuators."""
+    """The log with the forces of motors by its controls; None where it has none, or other actuators."""
     run, _ = in_model_order(mechanism, reading.trajectory())
     controls = _arrays(reading, CONTROLS, program.nu) if program.nu else []
-    if len(controls) != 1 or (run.q.shape[1], run.u.shape[1]) != (program.nq, program.nv):
+    fits = (run.q.shape[1], run.u.shape[1]) == (program.nq, program.nv)
+    if not fits or len(controls) != 1 or len(controls[0]) != len(run):
+        return None
+    if not np.isfinite(controls[0]).all():
         return None
     forces = motor_forces(program, run.q, run.u, controls[0])
     if forces is None:
         return None
     held = run.provenance.held
-    if np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max() <= SAME_STEP:
-        held = (*(held or ()), *forces)  # over several steps they may have been others
+    # Over several steps the controls may have been others.
+    if np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max(initial=0.0) <= SAME_STEP:
+        held = (*(held or ()), *forces)
     provenance = replace(run.provenance, held=held)
     return replace(run, forces={**run.forces, **forces}, provenance=provenance)
 
@@ -204,9 +208,15 @@ def _stepped(
     ):
         arrays = _arrays(reading, names, width) if width else [np.zeros((len(run), 0))]
         if len(arrays) != 1 or len(arrays[0]) != len(run):
+            shapes = listed([str(x.shape) for x in arrays]) or "none"
             raise LogError(
                 f"expected one array of {what}, ({len(run)}, {width}), named {names[0]!r} or {names[1]!r}; "
-                f"found {len(arrays)}. The replay steps the model with them"
+                f"found {shapes}. The replay steps the model with them"
+            )
+        if not np.isfinite(arrays[0]).all():
+            row = int(np.argmin(np.isfinite(arrays[0]).all(axis=1)))
+            raise LogError(
+                f"row {row} (t = {run.t[row]:.6g} s) of the {what} is not a number; give each row its values"
             )
         inputs.append(arrays[0][:rows])
     replay = replay_mujoco(program, run.t[:rows], run.q[:rows], run.u[:rows], *inputs)

@@ -155,15 +155,13 @@ def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array)
     return dict(_passive(model, data, elements, plastic, _Remainders.of(model, data, elements)))
 
 
-def motor_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None:
-    """Channel -> generalized forces (T, nv), N or N·m, of motors by their controls (T, nu) at states q, u.
+def actuator_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None:
+    """Channel -> generalized forces (T, nv), N or N·m, of actuators by their controls (T, nu) at states q, u.
 
-    None where an actuator is no motor on a joint: its force would vary with the state between two rows.
+    None where an actuator has a state of its own, or compensates gravity.
     """
     mujoco, elements = _mujoco(), Elements.of(model, grouped=True)
-    simple = len(motor_strengths(model)) == len(elements.actuators) and not model.na
-    on_joints = np.all(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
-    if not (model.nu and simple and on_joints) or elements.as_actuator.any():
+    if not model.nu or model.na or elements.as_actuator.any():
         return None
     data, rows = mujoco.MjData(model), list[Forces]()
     for data.qpos[:], data.qvel[:], data.ctrl[:] in zip(q, u, ctrl, strict=True):
@@ -174,6 +172,12 @@ def motor_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | None
         rows.append(dict(_actuators(model, data, elements, lost)))
     names = [f"actuator {name}" for name in elements.actuators]
     return {name: np.array([row[name] for row in rows]) for name in names}
+
+
+def of_controls_alone(model: Model) -> bool:
+    """Whether the forces of all actuators depend on no state: they are motors on joints."""
+    on_joints = np.all(model.actuator_trntype == _mujoco().mjtTrn.mjTRN_JOINT)
+    return bool(on_joints and len(motor_strengths(model)) == len(actuator_names(model)))
 
 
 def mass_times(model: Model, data: Data, acceleration: Array) -> Array:

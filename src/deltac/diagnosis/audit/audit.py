@@ -519,9 +519,11 @@ def _judged(
             model, reference, log, mapping, required=bool(source.replay), limit=limit
         )
         findings, departures = again.findings, again.departures
-        if again.with_motors is not None and source.passive:
-            read = read_log(mechanism, again.with_motors, reference.work, None, keep=LONG_LOG)
+        if again.with_actuators is not None and source.passive:
+            read = read_log(mechanism, again.with_actuators, reference.work, None, keep=LONG_LOG)
             judged = _judgement(reference, read, (), limit)
+            if source.replay and _says_why(judged):
+                return replace(judged, noticed=(*judged.noticed, *findings))
             if _is_explained(judged):
                 return judged
         if again.run is not None:
@@ -845,8 +847,18 @@ def _is_explained(judged: Judgement) -> bool:
     A scale may be that between a policy's output and the controls of the motors.
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
-    axes = any(f.kind in ("joint-axis", "axis-sign") for f in judged.noticed)
-    return axes or (_follows(judged.inference) and not scales)
+    return _turns_axes(judged) or (_follows(judged.inference) and not scales)
+
+
+def _turns_axes(judged: Judgement) -> bool:
+    """Whether rows follow by other axes of joints."""
+    return any(f.kind in ("joint-axis", "axis-sign") for f in judged.noticed)
+
+
+def _says_why(judged: Judgement) -> bool:
+    """Whether a judgement names what keeps a replay from reproducing the rows."""
+    late = any(f.kind == "late-forces" for f in judged.noticed)
+    return _turns_axes(judged) or (_follows(judged.inference) and (late or bool(judged.causes)))
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

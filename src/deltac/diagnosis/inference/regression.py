@@ -342,16 +342,17 @@ def searched(
     point = at.point
     if before is not None:
         return refitted((block,), before, point.candidates)
-    # Fields that stand for the rest of a mistake tell nothing of what the series leaves out.
-    least = at.bias if start else _least_joules(at, block)
+    # Fields that stand for the rest of a mistake tell nothing of what the series leaves out, nor do numbers
+    # beside no cause where one leaves next to nothing.
+    omitted = 0.0 if start else _least_joules(at, block)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
     linear = point.accelerations_known
     return search(
         (block,),
         point.candidates,
         lambda fit: at.exchanged(fit)[0],
-        least,
-        SIX_DIGITS * point.energy,
+        at.bias,
+        max(SIX_DIGITS * point.energy, omitted),
         MANY if linear else most,
         0.0 if linear else NEGLIGIBLE,
         linear,

@@ -40,7 +40,7 @@ from deltac.trajectories.lint import some_stretches
 LARGE = 0.05
 """Share of the accelerations that the equations leave where conventions are asked for without a cause."""
 
-LEFT_BY_RIGHT = 0.1
+LEFT_BY_RIGHT = 0.25
 """What the right one may leave of that: what the integrator did, and what forces did between the rows."""
 
 STRETCHES_LOOKED_AT, ROWS_LOOKED_AT = 4, 100

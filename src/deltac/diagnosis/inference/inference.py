@@ -104,6 +104,9 @@ MOST_ROWS, LEAST_ROWS = 8000, 150
 MOST_COST = 100_000
 """Instructions of the columns at a row up to which the geometry is asked as well."""
 
+MANY_NUMBERS = 200_000
+"""Intervals times columns of causes from which on a sample is asked first: all take seconds."""
+
 FORCED = 0.5
 """Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
 force makes: a smooth one makes none, what is of each on its own is one."""
@@ -144,6 +147,9 @@ class Unclosed:
         result, before = None, None
         with np.errstate(all="ignore"), compiled_rows():
             for point in self.points:
+                sample = self._of_sample(point, limit, lacking, filtered)
+                if sample is not None:
+                    return sample
                 found = _to_first_order(
                     point, self.equations, self.kernels, limit, lacking, filtered
                 )
@@ -157,6 +163,47 @@ class Unclosed:
                 if result is None or own.flow < result.flow:
                     result, before = own, found[1]
         return result
+
+    def _of_sample(
+        self, point: Point, limit: TimeLimit | None, lacking: bool, filtered: bool
+    ) -> Inference | None:
+        """The inference with causes that a sample of the rows tells as well as all; None where it does not.
+
+        They explain all but a thousandth and make all rows follow, or leave a thousand times the noise: more
+        rows would tell no more. Joules are of all rows.
+        """
+        intervals, departing = len(point.log.intervals), self.alone.excess if self.alone else np.inf
+        if intervals * len(self.kernels.columns) < MANY_NUMBERS or intervals < 2 * SAMPLE:
+            return None
+        if SMALL_SHARE**2 * departing < 1.0:  # they depart by less than a thousand times the noise
+            return None
+        try:
+            some = point.sampled(SAMPLE)
+        except NO_MOTION:
+            return None
+        found = _to_first_order(some, self.equations, self.kernels, limit, lacking, filtered)
+        own = found and _at_itself(some, self.equations, *found, limit, filtered)
+        if not own or own.filter is not None:
+            return None
+        certain = _follow_by_causes(own) and 1.0 - own.explained <= SMALL_SHARE**2
+        hopeless = SMALL_SHARE**2 * own.excess >= 1.0
+        if not (certain or hopeless):
+            return None
+        every = replace(point, columns=[]).with_candidates(self.equations, self.kernels)
+        if None in alike(every.candidates, own.posterior.best.chosen):
+            every = every.with_candidates(self.equations, geometry_columns(self.equations))
+        forces = replace(point.forces, kinds=own.forces)
+        every = every.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
+        whole = _settled(every.narrowed(own.posterior), own.posterior, hopeless)
+        result = inferred(whole) if whole else None
+        if result and result.posterior.best.alike(own.posterior.best):
+            return _with_excluded(result, own) if hopeless or _follow_by_causes(result) else None
+        return own if hopeless else None
+
+
+def _follow_by_causes(result: Inference) -> bool:
+    """Whether rows follow from each other but for noise, beside causes."""
+    return result.finds_something and (result.closes or result.excess <= KNOWN)
 
 
 def infer(

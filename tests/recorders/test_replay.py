@@ -99,6 +99,28 @@ def test_what_keeps_a_model_from_reproducing_a_log_is_named() -> None:
     assert cause.size == pytest.approx(2.0 / 2.05, abs=1e-8)
 
 
+@pytest.mark.parametrize("name", ["{}_ctrl", "ctrl.{}", "action_{}"])
+def test_a_column_names_an_actuator_and_its_control(name: str, tmp_path: Path) -> None:
+    log = arrays()
+    names = [f"{joint}_{what}" for what in ("pos", "vel") for joint in ("shoulder", "elbow")]
+    head = ",".join(["time", *names, name.format("m1"), name.format("m2")])
+    table = np.column_stack([log["time"], *(log[n] for n in ("qpos", "qvel", "ctrl"))])
+    path = tmp_path / "log.csv"
+    np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.17g")
+    assert codes(dc.audit(str(MODEL), path)) == [finding_code("replayed")]
+
+
+def test_the_torque_at_a_joint_is_that_of_its_only_actuator() -> None:
+    log = arrays()
+    table = {"time": log["time"]}
+    for k, (joint, gear) in enumerate((("shoulder", 2.0), ("elbow", 1.0))):
+        table |= {f"{joint}_pos": log["qpos"][:, k], f"{joint}_vel": log["qvel"][:, k]}
+        table[f"{joint}_torque"] = gear * log["ctrl"][:, k]
+    found = dc.audit(str(MODEL), table)
+    lacking = {finding_code(kind) for kind in ("assumed-zero", "channel-not-in-model")}
+    assert found.verdict.kind == "consistent" and not lacking & set(codes(found))
+
+
 SERVOS = """<mujoco><option timestep="0.002" integrator="{}"/><worldbody>
     <body><joint name="shoulder" axis="0 1 0" damping="0.2"/><inertial pos="0 0 -0.3" mass="1.5"
       diaginertia="0.03 0.03 0.001"/>

@@ -29,6 +29,7 @@ from deltac.importers.names import (
     joint_names,
     model_name,
     motor_strengths,
+    sole_actuators,
     tendon_names,
 )
 from deltac.importers.passive import disabled, read_passive, total_armature
@@ -257,8 +258,10 @@ def _refused(name: str, error: Exception) -> str:
 
 def report_unmodelled(model: Any, findings: Findings) -> None:
     """Everything else in the model that moves energy, into `findings`."""
+    alone = sole_actuators(model)
     for name in actuator_names(model):
-        findings.leave_to_log(name, "actuator", f"actuator {name}")
+        alias = f"actuator {alone[name]}" if name in alone else ""
+        findings.leave_to_log(name, "actuator", f"actuator {name}", alias=alias)
     _of_joints_and_tendons(model, findings)
     _contacts(model, findings)
     if model.opt.density or model.opt.viscosity:

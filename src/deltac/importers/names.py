@@ -102,6 +102,16 @@ def _named(
     return names
 
 
+def sole_actuators(model: Any) -> dict[str, str]:
+    """Actuator -> its joint, of actuators that are the only ones on a joint."""
+    import mujoco
+
+    names, joints = actuator_names(model), joint_names(model)
+    on_joint = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+    of = np.where(on_joint, np.asarray(model.actuator_trnid)[:, 0], -1).tolist()
+    return {name: joints[k] for name, k in zip(names, of) if k >= 0 and of.count(k) == 1}
+
+
 # --- the strengths of MuJoCo's simple actuators --------------------------------------------------
 
 Strengths = dict[str, tuple[float, ...]]

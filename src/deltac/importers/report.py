@@ -23,10 +23,15 @@ class Remark:
 
     @staticmethod
     def logged(
-        element: str, what: str, channel: str, limits: tuple[float, float] | None = None
+        element: str,
+        what: str,
+        channel: str,
+        limits: tuple[float, float] | None = None,
+        alias: str = "",
     ) -> Remark:
-        """Of a force that has no counterpart here: the channel that a log supplies it in."""
+        """Of a force that has no counterpart here: the channel that a log supplies it in, or its `alias`."""
         remedy = f"its force must come from the log: channel '{channel}'"
+        remedy += f" or '{alias}'" if alias not in ("", channel) else ""
         return Remark(element, what, remedy, limits)
 
     def __str__(self) -> str:
@@ -100,10 +105,15 @@ class Findings:
         self.assumed.append(Remark(element, what, consequence))
 
     def leave_to_log(
-        self, element: str, what: str, channel: str, limits: tuple[float, float] | None = None
+        self,
+        element: str,
+        what: str,
+        channel: str,
+        limits: tuple[float, float] | None = None,
+        alias: str = "",
     ) -> None:
         """A force has no counterpart here: as `Remark.logged`."""
-        self.ignored.append(Remark.logged(element, what, channel, limits))
+        self.ignored.append(Remark.logged(element, what, channel, limits, alias))
 
     def report(
         self,

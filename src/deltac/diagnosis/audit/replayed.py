@@ -18,6 +18,7 @@ from deltac.diagnosis.inputs.omissions import assumed_zero
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import balance
 from deltac.errors import ArgumentsError, InputError, LogError, listed
+from deltac.importers.names import actuator_names
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.recorders.mujoco_forces import actuator_forces, of_controls_alone, solver_name
@@ -28,7 +29,7 @@ from deltac.trajectories.formats.files import log_reading, naming
 from deltac.trajectories.formats.mapping import MappingLike
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.reading import LogReading
-from deltac.trajectories.formats.recognition import arrays_named
+from deltac.trajectories.formats.recognition import arrays_named, columns_of
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -149,7 +150,7 @@ def _unasked(
     limit: TimeLimit,
 ) -> Attempt:
     """The replay of a log that lacks the forces of the channels `missing`, or why there is none."""
-    if program.nu and not _arrays(reading, CONTROLS, program.nu):
+    if program.nu and not _controls(reading, program):
         return _not_replayed(
             "the log has neither controls nor forces: most of what moved the model is unknown",
             f"missing: ctrl (T, {program.nu}), or the forces of {listed(map(repr, missing))}",
@@ -191,7 +192,7 @@ def _with_actuators(
     They do not tell forces that vary with the state between rows.
     """
     run, _ = in_model_order(mechanism, reading.trajectory())
-    controls = _arrays(reading, CONTROLS, program.nu) if program.nu else []
+    controls = _controls(reading, program)
     fits = (run.q.shape[1], run.u.shape[1]) == (program.nq, program.nv)
     if not fits or len(controls) != 1 or len(controls[0]) != len(run):
         return None
@@ -219,11 +220,11 @@ def _stepped(
     if run.q.shape[1] != program.nq or run.u.shape[1] != program.nv:
         raise LogError("the log's coordinates are not all of MuJoCo's model; log qpos and qvel")
     inputs = []
-    for names, width, what in (
-        (CONTROLS, program.nu, "controls (ctrl)"),
-        (ACTIVATIONS, program.na, "activations (act)"),
+    for names, width, what, arrays in (
+        (CONTROLS, program.nu, "controls (ctrl)", _controls(reading, program)),
+        (ACTIVATIONS, program.na, "activations (act)", _arrays(reading, ACTIVATIONS, program.na)),
     ):
-        arrays = _arrays(reading, names, width) if width else [np.zeros((len(run), 0))]
+        arrays = arrays if width else [np.zeros((len(run), 0))]
         if len(arrays) != 1 or len(arrays[0]) != len(run):
             shapes = listed([str(x.shape) for x in arrays]) or "none"
             raise LogError(
@@ -240,11 +241,25 @@ def _stepped(
     return replay, findings
 
 
+def _controls(reading: LogReading, program: MjModel) -> list[Array]:
+    """Arrays (T, nu) of controls, or one of columns that name each an actuator and a control."""
+    arrays = _arrays(reading, CONTROLS, program.nu) if program.nu else []
+    if arrays or not program.nu:
+        return arrays
+    free = _free(reading)
+    each = [columns_of(free, name, CONTROLS) for name in actuator_names(program)]
+    return [np.column_stack([free[c] for (c,) in each])] if all(len(c) == 1 for c in each) else []
+
+
 def _arrays(reading: LogReading, names: tuple[str, ...], width: int) -> list[Array]:
     """Arrays (T, width) of one of these names, of columns that are nothing else."""
+    return arrays_named(_free(reading), names, width)
+
+
+def _free(reading: LogReading) -> dict[str, Array]:
+    """Columns that mean nothing yet."""
     columns = {one.column for one in reading.meanings.values()}
-    free = {n: c for n, c in reading.raw.columns.items() if n not in columns}
-    return arrays_named(free, names, width)
+    return {n: c for n, c in reading.raw.columns.items() if n not in columns}
 
 
 def _of(replay: Replay) -> Finding:

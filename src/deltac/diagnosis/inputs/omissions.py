@@ -33,15 +33,16 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     """
     if import_report is None:
         return []
-    channels = re.findall(r"channel '([^']+)'", " ".join(str(r) for r in import_report.ignored))
+    remarks = " ".join(str(r) for r in import_report.ignored)
+    channels = dict(re.findall(r"channel '([^']+)'(?: or '([^']+)')?", remarks))
     looked_for, acted = run.provenance.looked_for, run.provenance.acted
     missing: list[str] = []
-    for name in dict.fromkeys(channels):
+    for name, alias in channels.items():
         generic, all_of_kind = name.partition("<")[0], "<" in name
         kind = ChannelName.parse(name).kind
         at_rest = kind in looked_for and not any(a.startswith(generic) for a in acted)
         on_each_speed = all(f"{kind} {speed}" in run.forces for speed in run.speeds)
-        in_log = name in run.forces or (
+        in_log = {name, alias} & set(run.forces) or (
             all_of_kind and any(f.startswith(generic) for f in run.forces)
         )
         if not (at_rest or on_each_speed or in_log):

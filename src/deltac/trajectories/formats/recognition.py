@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -560,6 +560,13 @@ def arrays_named(columns: Mapping[str, Array], names: Sequence[str], width: int)
         if fitting:
             return [np.column_stack([columns[column] for column in c]) for c in fitting]
     return []
+
+
+def columns_of(columns: Iterable[str], element: str, kinds: Sequence[str]) -> list[str]:
+    """Columns that name an element and one of some kinds of its quantities: ``slide_ctrl``."""
+    part = words_of(element)
+    each = ((column, without(words_of(column), part)) for column in columns)
+    return [c for c, rest in each if rest and set() < set(rest) - NEUTRAL <= set(kinds)]
 
 
 # --- units of names ------------------------------------------------------------------------------

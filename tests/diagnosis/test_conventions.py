@@ -214,3 +214,33 @@ def test_forces_that_act_where_a_reading_does_not_look() -> None:
     part = log.take(slice(0, 90))
     left = _left(LogModel(mechanism(), part), part, inference)
     assert 1e-6 < left < 1.0  # without the torques that acted there
+
+
+SLIDE = """<mujoco><option timestep="0.02" integrator="implicitfast"/><worldbody>
+    <body><joint name="rail" type="slide" axis="{} 0 0"/>
+      <inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
+      <body pos="0 0 -0.1"><joint name="swing" axis="0 1 0"/>
+        <inertial pos="0 0 -0.3" mass="1" diaginertia="0.02 0.02 0.001"/>
+        <body pos="0 0 -0.6"><joint name="tip" axis="0 1 0"/>
+          <inertial pos="0 0 -0.2" mass="0.5" diaginertia="0.01 0.01 0.001"/></body></body></body></worldbody>
+    <actuator><motor name="push" joint="rail"/></actuator></mujoco>"""
+
+
+def test_an_axis_that_points_the_other_way_is_told_beside_large_errors_of_the_step() -> None:
+    """Read the right way, these leave a fifth of what the wrong sign leaves, and a known step none."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
+    model = mujoco.MjModel.from_xml_string(SLIDE.format(1))
+    data, rows, names = mujoco.MjData(model), [], ("rail", "swing", "tip")
+    data.qpos[:], data.qvel[:] = (0.0, 1.2, -0.8), (0.5, 3.0, -6.0)
+    for _ in range(1000):
+        data.ctrl[:] = np.sin(6.0 * data.time)
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy(), data.ctrl[0]))
+        mujoco.mj_step(model, data)
+    t, q, u, push = map(np.array, zip(*rows, strict=True))
+    forces = {"actuator push": push[:, None] * np.array([1.0, 0.0, 0.0])}
+    log = dc.Trajectory(t=t, q=q, u=u, coordinates=names, speeds=names, forces=forces)
+    found = dc.audit(mujoco.MjModel.from_xml_string(SLIDE.format(-1)), log)
+    assert found.verdict.kind == "equation-error"
+    assert [(f.kind, f.element) for f in found.findings if f.weight == "cause"] == [
+        ("axis-sign", "rail")
+    ]

@@ -6,6 +6,7 @@ hand. Torques are held over two steps, and every second row is logged.
 
 from __future__ import annotations
 
+import re
 from typing import TypeAlias
 
 import mujoco
@@ -73,6 +74,58 @@ def test_rotors_that_no_joint_has_are_named() -> None:
     assert {(c.kind, c.element) for c in audit.causes} == {("armature", name) for name in JOINTS}
     for cause in audit.causes:
         assert cause.values[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def energy(model: mujoco.MjModel, q: Array, u: Array) -> float:
+    """Kinetic and potential energy by MuJoCo itself, J."""
+    data = mujoco.MjData(model)
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data.qpos[:], data.qvel[:] = q, u
+    mujoco.mj_forward(model, data)
+    return float(data.energy.sum())
+
+
+def test_a_few_rows_name_a_mistake_and_all_have_its_joules() -> None:
+    """Thousands of rows with hundreds of columns of causes: what is certain in 300 rows needs no others.
+
+    Torques are held over each step and nothing is damped, so that E − Σ τ·Δq of the true arm is the error of
+    MuJoCo's Euler in closed form.
+    """
+    rows, size = 1500, 1.04
+    right = re.sub(' damping="[^"]*"', "", arm()).replace('"RK4"', '"Euler"')
+    assert right.count('mass="1.0"') == 1
+    true = mujoco.MjModel.from_xml_string(right.replace('mass="1.0"', f'mass="{size}"'))
+    data, states = mujoco.MjData(true), list[tuple[Array, Array, Array]]()
+    data.qpos[:] = (0.3, -0.5, 0.8, 0.4)
+    for k in range(rows):
+        data.ctrl[:] = (
+            np.array([8.0, 12.0, 6.0, 1.0])
+            * np.sin(np.array([2.0, 2.7, 3.3, 4.1]) * k * STEP + np.arange(4))
+            - np.array([1.0, 1.0, 0.5, 0.2]) * data.qvel
+        )
+        states.append((data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
+        mujoco.mj_step(true, data)
+    q, u, tau = map(np.array, zip(*states, strict=True))
+    forces = {f"actuator m_{name}": tau * (np.arange(4) == k) for k, name in enumerate(JOINTS)}
+    log = dc.Trajectory(
+        t=np.arange(rows, dtype=np.float64) * STEP,
+        q=q,
+        u=u,
+        coordinates=JOINTS,
+        speeds=JOINTS,
+        forces=forces,
+    )
+    found = dc.audit(mujoco.MjModel.from_xml_string(right), log)
+    assert found.verdict.kind == "equation-error"
+    (cause,) = found.causes
+    assert (cause.kind, cause.element) == ("body-mass", "elbow_link")
+    assert cause.size == pytest.approx(size, abs=4.0 * cause.size_error + 1e-9)
+    assert found.inference is not None and found.attribution is not None
+    assert len(found.inference.blocks[0].r) < rows / 4 and len(found.inference.w) == rows - 1
+    error = energy(true, q[-1], u[-1]) - energy(true, q[0], u[0])
+    error -= float(np.sum(tau[:-1] * np.diff(q, axis=0)))
+    told = found.attribution.integrator
+    assert abs(told.energy - error) <= 3.0 * told.error
 
 
 def pendulum(lacking: float) -> dc.Trajectory:

@@ -169,8 +169,8 @@ class Unclosed:
     ) -> Inference | None:
         """The inference with causes that a sample of the rows tells as well as all; None where it does not.
 
-        They explain all but a thousandth and make all rows follow, or leave a thousand times the noise: more
-        rows would tell no more. Joules are of all rows.
+        They explain all but a thousandth and make all rows follow, or leave a thousand times the noise, as a
+        force without a name does: more rows would tell no more. Joules are of all rows.
         """
         intervals, departing = len(point.log.intervals), self.alone.excess if self.alone else np.inf
         if intervals * len(self.kernels.columns) < MANY_NUMBERS or intervals < 2 * SAMPLE:
@@ -186,7 +186,8 @@ class Unclosed:
         if not own or own.filter is not None:
             return None
         certain = _follow_by_causes(own) and 1.0 - own.explained <= SMALL_SHARE**2
-        hopeless = SMALL_SHARE**2 * own.excess >= 1.0
+        named = own.force is not None or bool(own.posterior.best.chosen)
+        hopeless = named and SMALL_SHARE**2 * own.excess >= 1.0
         if not (certain or hopeless):
             return None
         every = replace(point, columns=[]).with_candidates(self.equations, self.kernels)

@@ -273,3 +273,14 @@ def test_summary_lists_everything() -> None:
     text = report.summary()
     for remark in (*report.read, *report.ignored, *report.assumed):
         assert str(remark) in text
+
+
+def test_a_joints_channel_is_that_of_its_only_actuator_unless_another_has_that_name() -> None:
+    """Actuator b is on joint a, c on joint b, d and e share joint c: 'actuator b' is b's own."""
+    bodies = "".join(f"<body><joint name='{name}' type='slide'/>{BALL}</body>" for name in "abc")
+    pairs = (("b", "a"), ("c", "b"), ("d", "c"), ("e", "c"))
+    motors = "".join(f"<motor name='{motor}' joint='{joint}'/>" for motor, joint in pairs)
+    _, report = read_mechanism(compiled((bodies, f"<actuator>{motors}</actuator>")))
+    told = {r.element: r.consequence for r in report.ignored if r.what == "actuator"}
+    assert {name for name, words in told.items() if " or " in words} == {"b"}
+    assert told["b"].endswith("channel 'actuator b' or 'actuator a'")

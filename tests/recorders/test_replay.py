@@ -121,6 +121,35 @@ def test_the_torque_at_a_joint_is_that_of_its_only_actuator() -> None:
     assert found.verdict.kind == "consistent" and not lacking & set(codes(found))
 
 
+def pushed(by: float, at: int = 300, noise: float = 0.0) -> dict[str, Any]:
+    """Every step of the arm, the shoulder of which gains speed (rad/s) at one row."""
+    model, rng = mujoco.MjModel.from_xml_path(str(MODEL)), np.random.default_rng(0)
+    data, rows = mujoco.MjData(model), []
+    data.qpos[:] = 1.0, 0.4
+    for k in range(600):
+        data.ctrl[:] = np.sin(0.02 * k), 0.3 * np.cos(0.03 * k)
+        data.qvel[0] += by * (k == at)
+        states = [x + noise * rng.standard_normal(2) for x in (data.qpos, data.qvel)]
+        rows.append((data.time, *states, data.ctrl.copy()))
+        mujoco.mj_step(model, data)
+    return dict(zip(("time", "qpos", "qvel", "ctrl"), map(np.array, zip(*rows)), strict=True))
+
+
+@pytest.mark.parametrize("asked", [None, True])
+def test_a_push_in_one_of_many_rows_is_no_noise(asked: bool | None) -> None:
+    """All other rows follow by the forces of the motors: these alone would pass over it."""
+    found = dc.audit(str(MODEL), pushed(0.02), replay=asked)
+    assert found.verdict.kind == "equation-error"
+    (departs,) = [f for f in found.findings if f.weight == "cause"]
+    assert departs.kind == "replay-departs" and "misses row 300" in departs.what
+
+
+def test_noise_accuses_nobody_where_a_replay_was_asked_for() -> None:
+    found = dc.audit(str(MODEL), pushed(0.0, noise=1e-5), replay=True)
+    assert found.verdict.kind == "consistent"
+    assert codes(found) == [finding_code("not-replayed")]
+
+
 SERVOS = """<mujoco><option timestep="0.002" integrator="{}"/><worldbody>
     <body><joint name="shoulder" axis="0 1 0" damping="0.2"/><inertial pos="0 0 -0.3" mass="1.5"
       diaginertia="0.03 0.03 0.001"/>

@@ -258,9 +258,11 @@ def _refused(name: str, error: Exception) -> str:
 
 def report_unmodelled(model: Any, findings: Findings) -> None:
     """Everything else in the model that moves energy, into `findings`."""
-    alone = sole_actuators(model)
-    for name in actuator_names(model):
-        alias = f"actuator {alone[name]}" if name in alone else ""
+    names, alone = actuator_names(model), sole_actuators(model)
+    for name in names:
+        # An actuator that is called as another one's joint has that channel.
+        joint = alone.get(name, name)
+        alias = "" if joint in names else f"actuator {joint}"
         findings.leave_to_log(name, "actuator", f"actuator {name}", alias=alias)
     _of_joints_and_tendons(model, findings)
     _contacts(model, findings)

@@ -31,7 +31,7 @@ class Remark:
     ) -> Remark:
         """Of a force that has no counterpart here: the channel that a log supplies it in, or its `alias`."""
         remedy = f"its force must come from the log: channel '{channel}'"
-        remedy += f" or '{alias}'" if alias not in ("", channel) else ""
+        remedy += f" or '{alias}'" if alias else ""
         return Remark(element, what, remedy, limits)
 
     def __str__(self) -> str:

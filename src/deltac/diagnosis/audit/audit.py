@@ -522,10 +522,15 @@ def _judged(
         if again.with_actuators is not None and source.passive:
             read = read_log(mechanism, again.with_actuators, reference.work, None, keep=LONG_LOG)
             judged = _judgement(reference, read, (), limit)
-            if source.replay and _says_why(judged):
+            named = _says_why(judged)
+            if source.replay and named:
                 return replace(judged, noticed=(*judged.noticed, *findings))
-            if _is_explained(judged):
-                return judged
+            # A push or a reset is in the replay alone.
+            if _is_explained(judged) and (named or not again.occasional):
+                departs = (
+                    [f for f in findings if f.kind == "replay-departs"] if source.replay else []
+                )
+                return replace(judged, noticed=(*judged.noticed, *map(replayed.as_note, departs)))
         if again.run is not None:
             log, mapping = again.run, None
     if not source.passive:

@@ -50,18 +50,19 @@ OUTLIER = 10.0
 class Attempt:
     """What became of a replay.
 
-    run         every step of the motion; None where there was none
-    findings    what it tells
-    departures  (T,) energy (J) of each row of the run beyond that of the state at which the step before it
-                arrived
-    with_actuators
-                the log with the forces of its actuators, where its rows are not reproduced
+    run             every step of the motion; None where there was none
+    findings        what it tells
+    departures      (T,) energy (J) of each row of the run beyond that of the state at which the step before
+                    it arrived
+    with_actuators  the log with the forces of its actuators, where its rows are not reproduced
+    occasional      whether some rows are missed by far more than the typical one, as after a push
     """
 
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
     with_actuators: Trajectory | None = None
+    occasional: bool = False
 
 
 def replayed(
@@ -124,7 +125,15 @@ def _attempt(
     read = reading.trajectory().provenance
     source = replace(replay.run.provenance, reading=read.reading, guessed=read.guessed)
     run = replace(replay.run, provenance=source)
-    return Attempt(run, (*findings, _of(replay)), _departures(mechanism, replay))
+    told = (*findings, _of(replay))
+    return Attempt(run, told, _departures(mechanism, replay), occasional=_is_occasional(replay))
+
+
+def _is_occasional(replay: Replay) -> bool:
+    """Whether some rows are missed by far more than the typical one: noise and mistakes miss all alike."""
+    return bool(
+        len(replay.departures) and replay.missed.max() >= OUTLIER * np.median(replay.missed)
+    )
 
 
 def _departures(mechanism: Mechanism, replay: Replay) -> Array:
@@ -177,8 +186,8 @@ def _unasked(
                 "Ask for it (replay=True, --replay), or audit a part of the log",
             )
         replay, findings = _stepped(program, mechanism, reading)
-        if len(replay.departures) and replay.missed.max() < OUTLIER * np.median(replay.missed):
-            return _departing(replay)  # as noise does, or a mistake
+        if len(replay.departures) and not _is_occasional(replay):
+            return _departing(replay)
         return _attempt(mechanism, reading, replay, findings)
     except InputError as error:
         return _not_replayed("the model cannot be stepped between the rows", str(error), "")
@@ -290,7 +299,12 @@ def _of(replay: Replay) -> Finding:
 
 
 def _departing(replay: Replay) -> Attempt:
-    return Attempt(None, (replace(_of(replay), kind="not-replayed", weight="note"),))
+    return Attempt(None, (as_note(_of(replay)),))
+
+
+def as_note(departs: Finding) -> Finding:
+    """What a replay misses, told of a log that is judged without it: it accuses nobody."""
+    return replace(departs, kind="not-replayed", weight="note")
 
 
 def _not_replayed(what: str, evidence: str, remedy: str) -> Attempt:

@@ -167,10 +167,10 @@ class Unclosed:
     def _of_sample(
         self, point: Point, limit: TimeLimit | None, lacking: bool, filtered: bool
     ) -> Inference | None:
-        """The inference with causes that a sample of the rows tells as well as all; None where it does not.
+        """The inference from a sample of the rows, where more rows would tell no more; else None.
 
-        They explain all but a thousandth and make all rows follow, or leave a thousand times the noise, as a
-        force without a name does: more rows would tell no more. Joules are of all rows.
+        Its causes explain all but a thousandth, and all rows follow beside them; or they leave a thousand
+        times the noise. Joules are of all rows, unless these prefer other causes to the latter.
         """
         intervals, departing = len(point.log.intervals), self.alone.excess if self.alone else np.inf
         if intervals * len(self.kernels.columns) < MANY_NUMBERS or intervals < 2 * SAMPLE:

@@ -342,8 +342,8 @@ def searched(
     point = at.point
     if before is not None:
         return refitted((block,), before, point.candidates)
-    # Fields that stand for the rest of a mistake tell nothing of what the series leaves out, nor do numbers
-    # beside no cause where one leaves next to nothing.
+    # What the series leaves out is estimated without causes, from numbers that a mistake inflates: it does
+    # not exclude a cause that leaves next to nothing, nor further causes beside others.
     omitted = 0.0 if start else _least_joules(at, block)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
     linear = point.accelerations_known

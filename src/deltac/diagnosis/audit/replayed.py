@@ -236,6 +236,9 @@ def _stepped(
         arrays = arrays if width else [np.zeros((len(run), 0))]
         if len(arrays) != 1 or len(arrays[0]) != len(run):
             shapes = listed([str(x.shape) for x in arrays]) or "none"
+            each = _of_actuators(reading, program) if names is CONTROLS else {}
+            if any(each.values()):  # a column for each actuator
+                shapes = listed(f"{c or 'none'} of actuator {n!r}" for n, c in each.items())
             raise LogError(
                 f"expected one array of {what}, ({len(run)}, {width}), named {names[0]!r} or {names[1]!r}; "
                 f"found {shapes}. The replay steps the model with them"
@@ -255,9 +258,14 @@ def _controls(reading: LogReading, program: MjModel) -> list[Array]:
     arrays = _arrays(reading, CONTROLS, program.nu) if program.nu else []
     if arrays or not program.nu:
         return arrays
-    free = _free(reading)
-    each = [columns_of(free, name, CONTROLS) for name in actuator_names(program)]
+    free, each = _free(reading), _of_actuators(reading, program).values()
     return [np.column_stack([free[c] for (c,) in each])] if all(len(c) == 1 for c in each) else []
+
+
+def _of_actuators(reading: LogReading, program: MjModel) -> dict[str, list[str]]:
+    """Actuator -> the columns that name it and a control."""
+    free = _free(reading)
+    return {name: columns_of(free, name, CONTROLS) for name in actuator_names(program)}
 
 
 def _arrays(reading: LogReading, names: tuple[str, ...], width: int) -> list[Array]:

@@ -83,6 +83,7 @@ def test_logs_with_blanks_in_their_names_are_judged_each_with_a_page(tmp_path: P
     assert "::notice file=my logs/good run.csv" in found.printed
 
 
+@pytest.mark.long
 def test_equations_are_checked_and_no_input_is_run(tmp_path: Path) -> None:
     (tmp_path / "eom.py").write_text(
         "import numpy as np\n\ndef rhs(t, q, u):\n    return 9.81 * np.sin(q)\n"

@@ -115,6 +115,7 @@ def _anchors(document: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in headings}
 
 
+@pytest.mark.long
 def test_examples_in_docstrings() -> None:
     failed, attempted = 0, 0
     for info in pkgutil.walk_packages(deltac.__path__, "deltac."):

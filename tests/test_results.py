@@ -151,6 +151,7 @@ def test_parts_tell_of_the_whole() -> None:
     assert told == [0.0, 0.0, 0.125, 0.75, 0.875]
 
 
+@pytest.mark.long
 def test_checks_and_audits_tell_how_far_they_are() -> None:
     problem = dc.problems.load("double-pendulum")
     told: list[float] = []

@@ -27,7 +27,6 @@ from tests.support.slow import repeated
 pytest.importorskip("mujoco", reason="URDF files are read by MuJoCo")
 
 pytestmark = pytest.mark.case_study(
-    "test_rows_of_a_plan",
     "test_a_model_that_is_too_large_says_so",
     "test_every_simulator_makes_the_same_motion[deltac-ode4]",
     "test_models_that_cannot_be_run_are_rows_with_their_reason",

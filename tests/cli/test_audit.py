@@ -140,6 +140,7 @@ def test_garbage_among_the_numbers_is_bad_input(
     assert f"'{column}'" in err and "row 7 " in err and told["error"]["message"] in err
 
 
+@pytest.mark.long
 def test_what_the_import_left_to_the_log_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -154,6 +155,7 @@ def test_what_the_import_left_to_the_log_is_told(
     assert "2 left to the log, 0 assumed" in told and "Left to the log: m1 (actuator)" in told
 
 
+@pytest.mark.long
 def test_explain_names_the_causes(logs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log = str(logs / "damped.parquet")
     status, out, err = run(HINGE, log, "--explain", capsys=capsys)

@@ -37,6 +37,7 @@ def equations():
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", repeated((1.0, 1.01), 1.01))
 @pytest.mark.parametrize("dof", repeated((3, 30), 3))
 def test_a_new_process_tells_right_from_wrong(tmp_path: Path, dof: int, factor: float) -> None:

@@ -89,6 +89,7 @@ def bead() -> dc.Mechanism:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_masses", [True, False])
 @pytest.mark.parametrize(("decimals", "every"), [(16, 1), (5, 1), (4, 5)])
 def test_what_keeps_a_constraint_is_a_part_of_the_step(

@@ -17,7 +17,6 @@ from tests.systems.cart_pole import SCHEMES, CartPole, generalized_alpha, log
 
 pytestmark = pytest.mark.case_study(
     "test_integration_error_is_told_without_accelerations",
-    "test_a_rotor_beside_implicit_damping_is_told_to_rounding",
     "test_algorithmic_accelerations_accuse_nobody",
 )
 

@@ -14,7 +14,6 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, intermittent, nothing
 
 pytestmark = pytest.mark.case_study(
-    "test_rows_far_apart_tell_the_stiffness_of_a_fast_mode",
     "test_quaternions_that_are_added_and_normalised_close",
     "test_joules_at_the_tolerance_are_no_doubt",
     "test_a_stiffness_of_zero_is_no_factor",

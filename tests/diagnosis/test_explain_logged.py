@@ -33,6 +33,7 @@ def work(run: dc.Trajectory, channel: str) -> float:
     return float(simpson(np.sum(run.u * run.forces[channel], axis=1), x=run.t))
 
 
+@pytest.mark.long
 def test_friction_that_only_the_log_has_is_noted_with_its_work() -> None:
     run = rubbed_run()
     done = work(run, "friction elbow")

@@ -17,7 +17,6 @@ from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.errors import LogError
 
 pytestmark = pytest.mark.case_study(
-    "test_the_steps_of_a_study_share_what_is_wrong",
     "test_an_empty_list_is_no_log",
 )
 

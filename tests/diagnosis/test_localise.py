@@ -136,6 +136,7 @@ def test_an_audit_names_the_equations_that_depart(
     assert "F-EQUATION-DEPARTS" not in [f.code for f in dc.audit(p.mechanism, coarse).findings]
 
 
+@pytest.mark.long
 def test_columns_in_another_order_are_the_same_motion(
     mistaken: tuple[dc.problems.Problem, dc.Trajectory],
 ) -> None:

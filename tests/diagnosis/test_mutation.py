@@ -83,6 +83,7 @@ def test_what_energy_does_not_see_the_residual_does(body: dc.Mechanism, tmp_path
     assert table["coordinate residual"] == wrong > 80
 
 
+@pytest.mark.long
 def test_workless_mistakes_of_a_sleigh_are_listed() -> None:
     """Its blade's force does no work; with m = I = 1, some mistakes are right by chance."""
     path = Path(__file__).parents[2] / "benchmarks/equations/chaplygin_sleigh.py"
@@ -225,6 +226,7 @@ def test_what_the_users_own_tests_miss(rod: dc.Mechanism, tmp_path: Path) -> Non
     assert (tmp_path / "rod.py").read_text("utf-8") == ROD
 
 
+@pytest.mark.long
 def test_tests_that_do_not_load_the_equations_are_refused(
     rod: dc.Mechanism, tmp_path: Path
 ) -> None:

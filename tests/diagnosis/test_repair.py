@@ -275,6 +275,7 @@ def test_a_coincidence_of_numbers_is_never_certain() -> None:
     }
 
 
+@pytest.mark.long
 def test_a_function_and_equations_of_a_live_module(tmp_path: Path, pendulum: dc.Mechanism) -> None:
     path = tmp_path / "eom.py"
     path.write_text(changed("M**2", "M"), "utf-8")

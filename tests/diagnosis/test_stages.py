@@ -170,6 +170,7 @@ def test_a_mistake_beside_a_servo_has_its_joules() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_servo_of_which_rows_are_left_out_is_in_balance() -> None:
     audit = dc.audit(mujoco.MjModel.from_xml_string(SERVO.format(mass=1.0)), swung(1.0).every(5))
     assert audit.verdict.kind == "consistent"

@@ -29,6 +29,7 @@ CASES = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", repeated(CASES, *CASES[1:]))
 def test_a_run_at_that_step_has_that_error(case: tuple[str, str]) -> None:
     problem = dc.problems.load(case[0])
@@ -89,6 +90,7 @@ def test_more_than_a_tenth_of_the_energy_is_not_predicted() -> None:
     assert audit.step_for(0.2) == audit.step_for(0.1) < 3e-3
 
 
+@pytest.mark.long
 def test_noise_forbids_a_prediction() -> None:
     pendulum = dc.problems.load("double-pendulum")
     log = log_of(pendulum, "ode2", 2e-3)

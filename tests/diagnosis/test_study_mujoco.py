@@ -25,6 +25,7 @@ def start(model: Any) -> Any:
     return data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", repeated(integrator_names(), "euler", "rk4"))
 def test_every_integrator_shows_its_order(name: str) -> None:
     """In the state to ± 0.15, of ΔC between p and p + 1: smooth forces, no controls."""

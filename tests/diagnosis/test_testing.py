@@ -51,6 +51,7 @@ def test_the_fixture_notes_the_error(
     assert dict(request.node.user_properties)["deltac_relative_energy_error"] == found.relative
 
 
+@pytest.mark.long
 def test_the_plugin_in_someone_elses_suite(
     pytester: pytest.Pytester,
     run: dc.Trajectory,
@@ -81,6 +82,7 @@ def test_the_plugin_in_someone_elses_suite(
     assert "deltac_relative_energy_error" in report.read_text("utf-8")
 
 
+@pytest.mark.long
 def test_an_error_about_an_input_shows_the_lines_of_the_user_alone(
     pytester: pytest.Pytester, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

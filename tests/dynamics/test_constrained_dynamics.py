@@ -86,6 +86,7 @@ def test_exact_motion_closes(tied: Tied) -> None:
             assert abs(scalar(found)) < ROUNDING * scale, name
 
 
+@pytest.mark.long
 @fewer
 @given(tied(TREES))
 def test_wrong_accelerations_show_as_the_missing_power(tied: Tied) -> None:

@@ -70,6 +70,7 @@ def test_identities_of_trees(sample: Sample) -> None:
     near(m.R @ m.udot[sample.mechanism.free.u] + m.R_dot @ m.u + m.v_t_dot, m.v_dot, m.R_dot)
 
 
+@pytest.mark.long
 @few
 @given(tied(Options(bodies=3, massless=False, thin=False)))
 def test_identities_with_constraints(tied: Tied) -> None:
@@ -82,6 +83,7 @@ def test_identities_with_constraints(tied: Tied) -> None:
     assert m.R_hat.shape[1] == len(s.mechanism.free.u) - rank
 
 
+@pytest.mark.long
 @few
 @given(tied(Options(bodies=3, massless=False, thin=False)))
 def test_the_recursions_find_the_same(tied: Tied) -> None:
@@ -124,6 +126,7 @@ def test_the_textbook_finds_the_same_on_trees(sample: Sample) -> None:
     near(m.F_star, book.F_star(m.udot)[keep])
 
 
+@pytest.mark.long
 @few
 @given(tied(Options(bodies=3, massless=False, thin=False)))
 def test_the_textbook_finds_the_same_with_constraints(tied: Tied) -> None:

@@ -217,6 +217,7 @@ def rows(run: dc.Trajectory, chosen: Any) -> dc.Trajectory:
     return replace(run, **pick, forces=forces, **sums)
 
 
+@pytest.mark.long
 @pytest.mark.heyoka
 @pytest.mark.parametrize("log", ["even", "uneven", "no accelerations"])
 @pytest.mark.parametrize("stride", repeated([8, 16, 32, 64], 8, 64))

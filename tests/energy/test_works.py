@@ -249,6 +249,7 @@ def test_a_wrong_name_of_a_channel_is_told_with_the_right_one() -> None:
         ledger.work["damper slid"]
 
 
+@pytest.mark.long
 def test_kernels_are_the_same_in_every_process() -> None:
     """They are kept on disk by their text: it must not depend on the hash seed of a process."""
     code = (

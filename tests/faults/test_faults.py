@@ -21,7 +21,6 @@ from tests.systems import fault_cases as cases  # noqa: E402
 
 pytestmark = pytest.mark.case_study(
     "test_a_right_log_of_coarse_steps_is_an_integration_error",
-    "test_an_integrated_solver_residual_is_not_excused",
     "test_equations_with_a_fault_fail_the_check",
     "test_the_missing_lever_arm_does_no_work",
     "test_stale_accelerations_and_stale_energies_do_no_harm",

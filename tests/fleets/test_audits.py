@@ -186,6 +186,7 @@ def test_episodes_are_the_motions(
         read_episode(str(path), "17", None, dc.load_model(NAME))
 
 
+@pytest.mark.long
 def test_a_verdict_for_each_episode(
     motions: list[dc.Trajectory],
     tmp_path: Path,

@@ -12,7 +12,7 @@ from tests.fuzz.targets import TARGETS, run
 REGRESSIONS = sorted((Path(__file__).parent / "regressions").iterdir())
 
 
-SLOW = ("cli", "h5", "mat", "parquet", "txt", "tsv", "mcap", "bag", "ros2")
+SLOW = ("cli", "h5", "mat", "parquet", "txt", "tsv", "mcap", "bag", "ros2", "table")
 """Targets whose inputs take milliseconds each."""
 
 

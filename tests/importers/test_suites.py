@@ -69,6 +69,7 @@ def compare(model: Any) -> None:
     assert not any("missing" in remark.consequence for remark in report.ignored)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "path",
     [

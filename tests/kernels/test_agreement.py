@@ -65,6 +65,7 @@ def test_other_problems(name: str) -> None:
     about(dc.problems.load(name))
 
 
+@pytest.mark.long
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(samples())
 def test_random_mechanisms(sample: Sample) -> None:

@@ -96,6 +96,7 @@ def test_single_reads_new_values_in_the_same_arrays(evaluator: str) -> None:
     assert kernel.single(np.array([1.0, 4.0]), out)[0] == 4.0
 
 
+@pytest.mark.long
 def test_a_call_bound_to_its_arrays(evaluator: str) -> None:
     x, p = casadi.SX.sym("x", 2), casadi.SX.sym("p")
     kernel = Kernel({"x": x}, {"y": p * x[0] + x[1]}, p)
@@ -361,6 +362,7 @@ def test_iterating_needs_as_many_outputs_as_inputs() -> None:
         Kernel({"x": x}, {"x": p * x}, p).iterate(np.zeros(2), 3)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(evaluator_name() != "llvm", reason="of compiled kernels")
 def test_kernels_outlive_their_linker() -> None:
     """A linker loads some kernels only; those of earlier ones go on working."""

@@ -121,6 +121,7 @@ def test_digest_without_a_parameters_value() -> None:
     assert one.digest(["m"]) != one.digest()
 
 
+@pytest.mark.long
 def test_the_digest_is_the_same_in_every_process() -> None:
     """It goes into logs: it must not depend on the hash seed of a process."""
     code = (

@@ -16,6 +16,7 @@ ORDER = {"ode3": 3, "ode4": 4}
 STEPS = {"andrews-squeezer": 5e-5, "bricard": 0.02, "n-four-bar": 0.01}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", repeated(ORDER, "ode4"))
 @pytest.mark.parametrize("name", repeated(STEPS, "andrews-squeezer", "n-four-bar"))
 def test_delta_c_falls_with_the_order_of_the_solver(name: str, solver: str) -> None:

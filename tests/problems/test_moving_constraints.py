@@ -34,6 +34,7 @@ def height(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return 0.1 * (1 - np.cos(3 * t)), 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "table"), MOVING)
 def test_energy_alone_fails_and_the_theorem_closes(name: str, table: str | None) -> None:
     _, ledger = solved(name, table)

@@ -16,6 +16,7 @@ def run(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("option", ["--figure a.png", "--report a.html"])
 def test_commands(tmp_path: Path, option: str) -> None:
     words = f"deltac study simple-pendulum --duration 1 --steps 0.02,0.01 {option}".split()

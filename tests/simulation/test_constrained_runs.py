@@ -174,6 +174,7 @@ def test_baumgarte_calms_and_none_drifts() -> None:
 # --- adaptive -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.heyoka
 @pytest.mark.parametrize("name", repeated(PROJECTABLE, "Radau"))
 def test_adaptive_solvers_with_projection(name: str) -> None:
@@ -377,6 +378,7 @@ def rolling(mechanism: dc.Mechanism, speed: float) -> dc.State:
     return mechanism.state({"base.z": WHEEL + 0.1}, {"base.vx": speed, **turning})
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solver", "sprung"), crossed(("ode4", "DOP853", "generalized-alpha"), (False, True))
 )
@@ -400,6 +402,7 @@ def test_a_car_on_four_wheels(solver: str, sprung: bool) -> None:  # noqa: FBT00
     assert run.provenance.energy_error < (0.5 if solver == "generalized-alpha" else 1e-3)  # J
 
 
+@pytest.mark.long
 def test_a_car_that_leans_cannot_roll_on_four_wheels() -> None:
     """Pushed aside, the body leans, the wheels' tracks part, and one of them would have to slip."""
     mechanism = car(sprung=True, aside=2.0)
@@ -408,6 +411,7 @@ def test_a_car_that_leans_cannot_roll_on_four_wheels() -> None:
     assert 0.01 < run.t[-1] < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("every", [1, 100])
 def test_members_of_an_ensemble_end_where_their_constraints_do(every: int) -> None:
     """The car that leans ends as it does alone, whenever records are taken; the other goes on."""

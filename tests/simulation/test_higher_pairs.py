@@ -81,6 +81,7 @@ def newton_euler(rolling: bool) -> Any:
     return rhs
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rolling", repeated((True, False), True))
 def test_an_ellipsoid_on_a_plane_moves_as_with_its_contact_point_eliminated(rolling: bool) -> None:
     m = ellipsoid(rolling)

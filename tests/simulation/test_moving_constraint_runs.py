@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import deltac as dc
 from deltac.energy import balance
@@ -45,6 +46,7 @@ def test_a_ball_on_a_turning_table_runs_on_a_circle() -> None:
     )
 
 
+@pytest.mark.long
 def test_a_ball_on_a_rising_table_is_lifted_by_the_contact() -> None:
     """m (g + z̈) ż is the power of the vertical multiplier: leaving it out fails by joules."""
     mechanism, state = on_table("0.2*sin(2*t)", 2.0)
@@ -81,6 +83,7 @@ def driven(how: str) -> tuple[dc.Mechanism, dc.State]:
     return mechanism, dc.assemble(mechanism, mechanism.state(guess), ("swing",)).state
 
 
+@pytest.mark.long
 def test_the_same_drive_told_two_ways() -> None:
     """A prescribed hinge inside a loop, and the same angle held by a constraint that moves."""
     runs = {}

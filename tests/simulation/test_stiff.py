@@ -115,6 +115,7 @@ def test_implicit_solvers_take_steps_eighty_times_the_scale() -> None:
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
 
 
+@pytest.mark.long
 def test_the_ledger_shows_what_numerical_damping_takes_out() -> None:
     """The dampers take 3 mJ in 10 s. Backward Euler's own loss is a hundred times as much: in ΔC."""
     p = governor()

@@ -52,6 +52,7 @@ ONE_OF_A_FAMILY = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case",
     repeated(

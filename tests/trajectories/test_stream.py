@@ -121,6 +121,7 @@ print(rows, peak() - before)
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in kB on Linux only")
 def test_memory_is_bounded(tmp_path: Path) -> None:
     rows, columns = 1_500_000, 10

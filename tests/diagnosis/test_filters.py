@@ -184,3 +184,45 @@ def test_limits_that_rows_reach(high: float, reached: bool) -> None:
         "a file", ignored=(Remark.logged("slide", "limits", "limit slide", beyond),)
     )
     assert limits_reached(run, report) == (["limit slide"] if reached else [])
+
+
+BLOCK, SPRING, DAMPER, RUB, WIDTH = 1.1, 90.0, 0.05, 0.4, 0.05
+
+
+def rubbing(damper: float) -> dc.Trajectory:
+    """A block on a spring with dry friction by Heun's method, behind a filter of second order."""
+
+    def rate(y: np.ndarray) -> np.ndarray:
+        force = -SPRING * y[0] - RUB * np.tanh(y[1] / WIDTH) - damper * y[1]
+        return np.array([y[1], force / BLOCK])
+
+    rows = [np.array([0.1, 0.0])]
+    for _ in range(1000):
+        y = rows[-1]
+        first = rate(y)
+        rows.append(y + STEP / 2.0 * (first + rate(y + STEP * first)))
+    y = np.array(rows)
+    y = (lfilter(*butter(2, 0.24), y - y[0], axis=0) + y[0])[50:-50]
+    return dc.Trajectory(
+        t=STEP * np.arange(len(y)), q=y[:, :1], u=y[:, 1:], coordinates=("slide",), speeds=("slide",),
+        provenance=dc.Provenance("by hand"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("factor", [1.6, 6.0])
+def test_a_damper_behind_a_filter_is_no_matter_of_adaptive_steps(factor: float) -> None:
+    """The log alone does not tell it from a step of first order; no method of adaptive steps has one."""
+    model = dc.Mechanism(
+        [dc.point_mass("block", BLOCK)],
+        [dc.prismatic("slide", "ground", "block", "x", stiffness=SPRING, damping=DAMPER)],
+        forces=[dc.forces.joint_friction("rub", "slide", RUB, width=WIDTH)],
+    )
+    for damper, kinds in (
+        (DAMPER, {"consistent"}),
+        (factor * DAMPER, {"equation-error", "unresolved"}),
+    ):
+        audit = dc.audit(model, rubbing(damper))
+        assert audit.verdict.kind in kinds, audit.verdict.explain()
+        # Heun's method makes 1e-6 J, by DOP853 of the same equations.
+        share = audit.attribution.integrator
+        assert abs(share.energy) < 2.0 * share.error + 1e-5

@@ -182,18 +182,21 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     return Share(curve, error), (1.0 - own) * residual, 0.0
 
 
-def disputed_joules(comparison: HypothesisComparison) -> Array:
+def disputed_joules(comparison: HypothesisComparison, scattered: bool) -> Array:
     """Joules (N,) of the integrator's fields that a mistake may have made which does about the same to rows.
 
     It takes of them what its number within its error does, at most what the nearest method does not explain;
-    all of that where it exceeds what integrators have, by their prior.
+    all of that where it exceeds what integrators have, by their prior. Steps of many sizes, `scattered`, are
+    of methods of a higher order, which have none of first order.
     """
     at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
         return np.zeros(len(at.B))
     T, best = comparison.point.log.running(at.power[:, first]), comparison.posterior.best
-    block = comparison.blocks[0]
-    c, p, of_fields = comparison.numbers[0][first], block.projected, comparison.rows.projected
+    block, c = comparison.blocks[0], comparison.numbers[0][first]
+    if scattered:
+        return np.abs(T @ c)
+    p, of_fields = block.projected, comparison.rows.projected
     # Of rows that are several steps apart the numbers are parts of those of the step.
     rays = [own for own in (numbers_of(m)[first] for m in INTEGRATORS) if own.any()]
     near = [np.clip(c @ own / (own @ own), 0.0, 1.0) * own for own in rays]

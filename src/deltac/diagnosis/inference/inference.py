@@ -896,8 +896,7 @@ def inferred(
     curves = log.running(at.power[:, at.fields :])
     unseen = unseen_joules(point, comparison.blocks[0], best, tau, curves)
     integrator = integrator_estimate(comparison)
-    # What is left of steps of many sizes is of no force, and so of no mistake.
-    disputed = np.zeros(len(at.B)) if scattered else disputed_joules(comparison)
+    disputed = disputed_joules(comparison, scattered)
     share, residual, between = integrator_share(comparison, disputed)
     equations = equations_share(comparison, residual, unseen)
     attribution, left = attributed(comparison, share, equations)

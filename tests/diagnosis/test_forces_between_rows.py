@@ -656,3 +656,93 @@ def test_filters_of_states_beside_held_torques_accuse_nobody(
     y = through(read, rows)
     run = replace(log(x, torques, some), q=y[:, :1], u=y[:, 1:])
     assert dc.audit(MECHANISM, run).verdict.kind in ("consistent", "unresolved")
+
+
+# Two links that turn about vertical axes and a slide on a stiff spring, all with dry friction and dampers.
+MASSES, INERTIAS, ARM, CENTRES = (6.0, 6.0, 1.9), (0.1, 0.07), 0.35, (0.15, 0.16)
+STIFFNESS, DAMPERS = 1500.0, np.array([0.6, 0.4, 25.0])
+FRICTION, WIDTHS = np.array([0.5, 0.3, 4.0]), np.array([0.05, 0.05, 0.02])
+
+
+def machine() -> dc.Mechanism:
+    (m1, m2, m3), (J1, J2), (c1, c2) = MASSES, INERTIAS, CENTRES
+    names, (d1, d2, d3) = ("j1", "j2", "j3"), DAMPERS
+    friction = zip(names, FRICTION, WIDTHS, strict=True)
+    return dc.Mechanism(
+        [
+            dc.body("inner", m1, inertia=(J1, J1, J1), mass_centre=(c1, 0, 0)),
+            dc.body("outer", m2, inertia=(J2, J2, J2), mass_centre=(c2, 0, 0)),
+            dc.point_mass("quill", m3),
+        ],
+        [
+            dc.revolute("j1", "ground", "inner", "z", damping=d1),
+            dc.revolute("j2", "inner", "outer", "z", position=(ARM, 0, 0), damping=d2),
+            dc.prismatic("j3", "ground", "quill", "x", stiffness=STIFFNESS, damping=d3),
+        ],
+        forces=[
+            *(dc.forces.joint_torque(f"motor {name}", name) for name in names),
+            *(dc.forces.joint_friction(f"dry {j}", j, mu, width=w) for j, mu, w in friction),
+        ],
+        gravity=(0, 0, 0),
+    )
+
+
+def inertia(angle: float, rotor: float) -> tuple[float, float, float]:
+    """Elements 11, 12, 22 of the two links' mass matrix, from their kinetic energy."""
+    (m1, m2, _), (J1, J2), (c1, c2) = MASSES, INERTIAS, CENTRES
+    couple, far = m2 * ARM * c2 * np.cos(angle), J2 + m2 * c2**2
+    return J1 + m1 * c1**2 + m2 * ARM**2 + far + 2.0 * couple, far + couple, far + rotor
+
+
+def machine_rate(y: Array, torque: Array, rotor: float) -> Array:
+    """Of three coordinates and speeds, by Lagrange's equations."""
+    q, u = y[:3], y[3:]
+    a, b, d = inertia(q[1], rotor)
+    f = torque - DAMPERS * u - FRICTION * np.tanh(u / WIDTHS)
+    turning = MASSES[1] * ARM * CENTRES[1] * np.sin(q[1])
+    f = f + [turning * (2.0 * u[0] + u[1]) * u[1], -turning * u[0] ** 2, -STIFFNESS * q[2]]
+    det = a * d - b * b
+    slide = f[2] / MASSES[2]
+    return np.array([*u, (d * f[0] - b * f[1]) / det, (a * f[1] - b * f[0]) / det, slide])
+
+
+def test_nobody_is_asked_for_forces_more_often_than_once_a_step() -> None:
+    """Kutta's method of third order under torques held over its steps, beside a rotor that is missing.
+
+    One step from row to row does not show what forces do if they change half way.
+    """
+    h, n, rotor = 2e-3, 1000, 0.2
+    gains, rates, phases = np.array([80.0, 40.0, 3e3]), np.array([10.0, 5.0, 60.0]), np.arange(3)
+    y, torques, joules = np.zeros((n + 1, 6)), np.zeros((n + 1, 3)), 0.0
+    y[0, :3] = 0.1, 0.9, 0.02
+
+    def energy(y: Array) -> float:
+        a, b, d = inertia(y[1], 0.0)
+        v, w, speed = y[3:]
+        links = 0.5 * a * v**2 + b * v * w + 0.5 * d * w**2
+        return float(links + 0.5 * MASSES[2] * speed**2 + 0.5 * STIFFNESS * y[2] ** 2)
+
+    for k in range(n + 1):
+        x, target = y[k], 0.5 * np.sin(3.0 * k * h + phases)
+        torques[k] = torque = gains * (target - x[:3]) - rates * x[3:]
+        if k < n:
+            first = machine_rate(x, torque, rotor)
+            middle = machine_rate(x + 0.5 * h * first, torque, rotor)
+            last = machine_rate(x + h * (2.0 * middle - first), torque, rotor)
+            y[k + 1] = x + h / 6.0 * (first + 4.0 * middle + last)
+            exact = solve_ivp(
+                lambda t, x, torque=torque: machine_rate(x, torque, rotor),
+                (0.0, h), x, "DOP853", rtol=1e-10, atol=1e-13,
+            )  # fmt: skip
+            joules += energy(y[k + 1]) - energy(exact.y[:, -1])
+    log = {"time": h * np.arange(n + 1)}
+    for k, name in enumerate(("j1", "j2", "j3")):
+        log |= {f"q.{name}": y[:, k], f"u.{name}": y[:, 3 + k]}
+        log[f"force.actuator motor {name}.{name}"] = torques[:, k]
+    found = dc.audit(machine(), log)
+    assert [(c.kind, c.element) for c in found.causes] == [("missing-rotor-inertia", "j2")]
+    assert found.attribution is not None and found.integrator is not None
+    assert found.integrator.names == ("kutta-3",)
+    told = found.attribution.integrator
+    assert told.energy == pytest.approx(joules, abs=2.0 * told.error)
+    assert told.error < 1e-3

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import qr
 
-from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, Array
+from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import KINDS
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.explain.result import sentence
@@ -772,7 +772,7 @@ def rezeroed(
     before = {f.element: f.factor or 0.0 for f in known if f.kind == "zero-offset"}
     for k, (c, theta) in enumerate(zip(best.chosen, best.theta, strict=True)):
         whole = theta + before.get(c.element, 0.0)
-        if c.kind == "zero-offset" and abs(theta[0]) > SIX_DIGITS * abs(whole[0]):
+        if c.kind == "zero-offset" and abs(theta[0]) > SAME * abs(whole[0]):
             q[:, places[c.element]] -= theta[0]
             error = best.deviation(k) * np.sqrt(inference.tau)
             told[c.element] = Finding(

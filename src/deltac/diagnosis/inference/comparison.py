@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, SIX_DIGITS, Array
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
-    SIGNIFICANT,
     TOGETHER,
     Block,
     Posterior,
@@ -99,9 +98,9 @@ class HypothesisComparison:
 
     @property
     def closing(self) -> bool:
-        """Whether a method leaves nothing but the noise of the rows, of which χ² scatters by √(2 K)."""
-        rss, K = self.rows.projected.left(self.posterior.best.coefficients), self.rows.count
-        return bool(self.maps) and rss <= K + SIGNIFICANT * np.sqrt(2.0 * K)
+        """Whether a method leaves nothing but the noise of the rows."""
+        rss = self.rows.projected.left(self.posterior.best.coefficients)
+        return bool(self.maps) and rss <= self.rows.count
 
     @property
     def accuses(self) -> bool:

@@ -435,6 +435,7 @@ def _at_itself(
             block = comparison.blocks[0]
             alone = block.projected.left(np.zeros_like(comparison.posterior.best.coefficients))
             comparison = _with_further(_relinearised(comparison), comparison.point)
+            comparison = _acting_as_in(comparison, comparison.posterior)
             causes, others = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
@@ -545,21 +546,27 @@ def likeliest(point: Point, before: HypothesisComparison | None = None) -> Hypot
         known = (one for one in others if one.at.point.forces.act_as(moved.forces))
         if moved is not comparison.point:
             comparison = next(known, None) or compared(moved)
-    if not comparison.maps or point.run.provenance.held is not None:
-        return comparison
     return _acting_as_in(comparison)
 
 
-def _acting_as_in(comparison: HypothesisComparison) -> HypothesisComparison:
-    """The comparison with forces that act as the method implies, where the rows do not show how they act."""
+def _acting_as_in(
+    comparison: HypothesisComparison, before: Posterior | None = None
+) -> HypothesisComparison:
+    """The comparison with forces that act as the method implies, where the rows do not show how they act.
+
+    `before`: causes at which it is linearised.
+    """
+    if not comparison.maps or comparison.point.run.provenance.held is not None:
+        return comparison
     method = comparison.methods[0]
     # Before causes are linearised at themselves, another method than the right one may leave less: only one
-    # that closes the rows tells of forces.
-    for function in ("smooth", "ramp") if method.samples_once or comparison.closing else ():
+    # beside which the rows follow but for noise tells of forces.
+    follows = comparison.excess <= KNOWN
+    for function in ("smooth", "ramp") if method.samples_once or follows else ():
         moved = acting_as_in(comparison, function)
         if moved is comparison.point:
             break
-        other = compared(moved)
+        other = compared(moved, before)
         # The right method makes the same rows by them.
         if method.order == 1 or (other.maps and other.methods[0].name == method.name):
             return other
@@ -603,9 +610,10 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
     left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
     for zero in zeros if len(turned) == 1 else ():
-        # What a zero does to third order is not in its columns.
+        # What a zero does to third order is not in its columns, and adds to what these leave.
         third = 0.0 if zero is None else (zero.theta[0][0] ** 2 / 6.0) ** 2 * block.start
-        if zero is not None and block.misfit(zero.coefficients) <= max(left, third):
+        most = (np.sqrt(left) + np.sqrt(third)) ** 2
+        if zero is not None and block.misfit(zero.coefficients) <= most:
             own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
             return replace(comparison, posterior=own)
     others = [one for one in others if len(one.posterior.best.chosen) == 1]

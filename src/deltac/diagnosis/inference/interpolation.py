@@ -110,9 +110,11 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
     held = "step" if counts.max() > 1 else "start"
     holds = not method.later and (method.order == 1 or not (method.step or method.samples_once))
     of_rows = ("start",) if method.later else HELD if method.samples_once else ()
+    # Nobody is asked more often than once a step.
+    often = bool(np.any(point.forces.logged.counts > counts))
 
     def acting(kind: str, stair: bool) -> str:
-        if stair and held == "start":
+        if (stair or (often and kind == "step")) and held == "start":
             return held
         if method.order == 1 and kind == "end":
             return "ramp"
@@ -123,9 +125,10 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
         return function if method.order > 1 and kind in ("end", *of_rows) else kind
 
     forces = point.forces.of(list(map(acting, point.forces.kinds, point.forces.stairs)))
-    if forces.kinds == point.forces.kinds or forces.filter is not None:
+    in_steps = "step" in point.forces.kinds and not often
+    if forces.filter is not None or (forces.kinds == point.forces.kinds and not often):
         return point
-    return point.with_flow(forces=forces if "step" in point.forces.kinds else forces.held(counts))
+    return point.with_flow(forces=forces if in_steps else forces.held(counts))
 
 
 def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:

@@ -170,6 +170,16 @@ def test_a_filter_hides_no_mistake(through: Callable[[np.ndarray], np.ndarray]) 
     assert cause.size == pytest.approx(1.5 * DAMPING, rel=1e-3)
 
 
+@pytest.mark.parametrize("zero", [0.002, 0.03, -0.05])
+def test_a_pendulums_zero_is_put_right(zero: float) -> None:
+    """A mass centre beside the bar does the same, and gravity of another direction."""
+    run = swung()
+    audit = dc.audit(pendulum(), replace(run, q=run.q + zero))
+    assert audit.verdict.kind == "consistent" and not audit.causes
+    [told] = [f for f in audit.findings if f.kind == "zero-offset"]
+    assert told.factor == pytest.approx(zero, rel=1e-9)
+
+
 def test_the_log_itself_went_through_none() -> None:
     audit = dc.audit(pendulum(), swung())
     assert audit.verdict.kind == "consistent"
@@ -204,8 +214,8 @@ def rubbing(damper: float) -> dc.Trajectory:
     y = np.array(rows)
     y = (lfilter(*butter(2, 0.24), y - y[0], axis=0) + y[0])[50:-50]
     return dc.Trajectory(
-        t=STEP * np.arange(len(y)), q=y[:, :1], u=y[:, 1:], coordinates=("slide",), speeds=("slide",),
-        provenance=dc.Provenance("by hand"),
+        t=STEP * np.arange(len(y), dtype=float), q=y[:, :1], u=y[:, 1:],
+        coordinates=("slide",), speeds=("slide",), provenance=dc.Provenance("by hand"),
     )  # fmt: skip
 
 
@@ -223,6 +233,7 @@ def test_a_damper_behind_a_filter_is_no_matter_of_adaptive_steps(factor: float) 
     ):
         audit = dc.audit(model, rubbing(damper))
         assert audit.verdict.kind in kinds, audit.verdict.explain()
-        # Heun's method makes 1e-6 J, by DOP853 of the same equations.
+        # Heun's method adds (ωh)⁴/4 of an oscillator's energy in a step: at most 1.2e-5 J of 0.45 J in all.
+        assert audit.attribution is not None
         share = audit.attribution.integrator
-        assert abs(share.energy) < 2.0 * share.error + 1e-5
+        assert abs(share.energy) < 2.0 * share.error + 1.2e-5

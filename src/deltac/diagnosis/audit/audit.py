@@ -691,11 +691,18 @@ def _inference_of_rows(
         # Where neither follows, a filter is likelier than causes that leave what is no noise.
         if not _follows(inference) or _follows(other.inference):
             return other
-    if inference is not None and (right := rezeroed(rows, inference, log.findings)):
-        zeroed = balanced(mechanism, right[0], reference.work, right[1])
-        other = _judgement(reference, zeroed, known, limit, progress)
-        if _follows(other.inference, max(KNOWN, inference.excess)):
-            return other
+    if inference is not None:
+        for own, zero in ((True, inference.posterior.best), (False, inference.zero)):
+            right = rezeroed(rows, inference, zero, log.findings)
+            if right is None:
+                continue
+            zeroed = balanced(mechanism, right[0], reference.work, right[1])
+            other = _judgement(reference, zeroed, known, limit, progress)
+            # In the place of a cause, one that needs no other.
+            if _follows(other.inference, max(KNOWN, inference.excess)) and (
+                own or not other.causes
+            ):
+                return other
     alone = differences(rows, one_sided=True)
     if inference is not None and alone is not None and _speeds_are_shifted(inference):
         # Speeds that no method makes so are of the coordinates alone.

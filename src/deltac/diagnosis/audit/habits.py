@@ -30,7 +30,7 @@ from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.attribution import squares
 from deltac.diagnosis.inference.forces import impulse
-from deltac.diagnosis.inference.hypotheses import CERTAIN, price
+from deltac.diagnosis.inference.hypotheses import CERTAIN, Fit, price
 from deltac.diagnosis.inference.inference import FEW, LEAST_ROWS, Unclosed, closed
 from deltac.diagnosis.inference.integrators import (
     EXACT,
@@ -760,14 +760,16 @@ def _highest(x: Array, y: Array) -> float:
 
 
 def rezeroed(
-    run: Trajectory, inference: Inference, known: Sequence[Finding]
+    run: Trajectory, inference: Inference, best: Fit | None, known: Sequence[Finding]
 ) -> tuple[Trajectory, tuple[Finding, ...]] | None:
-    """A run with the zeros of its coordinates put right that an inference found to be off; None for none.
+    """A run with the zeros of its coordinates put right that a fit says are off; None for none.
 
     With findings that say so, in the place of those `known` of the same coordinates: zeros are found to
     second order, and what is left of them is found again.
     """
-    best, q, told = inference.posterior.best, np.array(run.q), dict[str, Finding]()
+    if best is None:
+        return None
+    q, told = np.array(run.q), dict[str, Finding]()
     places = {run.speeds[j]: i for i, j in RateNames.of(run.coordinates, run.speeds).rates}
     before = {f.element: f.factor or 0.0 for f in known if f.kind == "zero-offset"}
     for k, (c, theta) in enumerate(zip(best.chosen, best.theta, strict=True)):
@@ -779,7 +781,8 @@ def rezeroed(
                 c.kind,
                 sentence(inference.model.mechanism, c, whole, error),
                 "by how each row follows from the one before",
-                f"{KINDS[c.kind].remedy}; the verdict is of the log with its zero put right",
+                f"{KINDS[c.kind].remedy}, unless the zero of the model's joint is off, which does the same; "
+                "the verdict is of the log with its zero put right",
                 "note",
                 c.element,
                 float(whole[0]),

@@ -187,7 +187,7 @@ def disputed_joules(comparison: HypothesisComparison, scattered: bool) -> Array:
 
     It takes of them what its number within its error does, at most what the nearest method does not explain;
     all of that where it exceeds what integrators have, by their prior. Steps of many sizes, `scattered`, are
-    of methods of a higher order, which have none of first order.
+    of methods of a higher order: what is certainly of the first is none of theirs.
     """
     at, first = comparison.at, slice(0, FIRST_ORDER)
     if comparison.maps:
@@ -196,7 +196,7 @@ def disputed_joules(comparison: HypothesisComparison, scattered: bool) -> Array:
     block, (c, C) = comparison.blocks[0], (x[first] for x in comparison.numbers)
     if scattered:
         error = np.sqrt(np.einsum("ki,ij,kj->k", T, C[:, first], T))
-        return np.maximum(np.abs(T @ c) - SIGNIFICANT * error, 0.0)
+        return np.asarray(np.maximum(np.abs(T @ c) - SIGNIFICANT * error, 0.0))
     p, of_fields = block.projected, comparison.rows.projected
     # Of rows that are several steps apart the numbers are parts of those of the step.
     rays = [own for own in (numbers_of(m)[first] for m in INTEGRATORS) if own.any()]

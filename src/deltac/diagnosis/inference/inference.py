@@ -434,12 +434,14 @@ def _at_itself(
         if chosen and asked and not _passed(limit, "causes linearised at themselves"):
             block = comparison.blocks[0]
             alone = block.projected.left(np.zeros_like(comparison.posterior.best.coefficients))
+            first = comparison
             comparison = _with_further(_relinearised(comparison), comparison.point)
             comparison = _acting_as_in(comparison, comparison.posterior)
             causes, others = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
             result = replace(inferred(comparison), unbuilt=result if built else None, alone=alone)
+            result = replace(result, zero=_zero_instead(first, comparison.posterior.best))
             without = _closing_alone(point, comparison)
             if without is not None:
                 return inferred(without)
@@ -603,21 +605,45 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
         for one in sorted(equal, key=_rank)[::-1]
     }
     first, *others = sorted(simplest.values(), key=_rank)
-    # Zeros of the log do what turns of bodies do, and are not built.
-    block, scores = comparison.blocks[0], found.scores
-    zeros = [fitted(comparison.blocks, [c]) for _, c, _ in scores if c.kind == "zero-offset"]
-    turns = alike(point.candidates, first.posterior.best.chosen)
-    turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
-    left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
-    for zero in zeros if len(turned) == 1 else ():
-        # What a zero does to third order is not in its columns, and adds to what these leave.
-        third = 0.0 if zero is None else (zero.theta[0][0] ** 2 / 6.0) ** 2 * block.start
-        most = (np.sqrt(left) + np.sqrt(third)) ** 2
-        if zero is not None and block.misfit(zero.coefficients) <= most:
-            own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
+    left = _left_by_turns(comparison, first.posterior.best)
+    for zero in _zeros(comparison) if left is not None else ():
+        # What a zero does to third order is not in its columns.
+        third = (zero.theta[0][0] ** 2 / 6.0) ** 2 * comparison.blocks[0].start
+        if comparison.blocks[0].misfit(zero.coefficients) <= max(left, third):
+            own = refitted(comparison.blocks, Posterior(zero, (), found.scores), ())
             return replace(comparison, posterior=own)
     others = [one for one in others if len(one.posterior.best.chosen) == 1]
     return _beside(_at_causes(point, first.posterior, first) or comparison, point, others)
+
+
+def _zeros(comparison: HypothesisComparison) -> list[Fit]:
+    """Zeros of the log that may be off: they do what turns of bodies do, and are not built."""
+    scores, blocks = comparison.posterior.scores, comparison.blocks
+    fits = [fitted(blocks, [c]) for _, c, _ in scores if c.kind == "zero-offset"]
+    return [fit for fit in fits if fit is not None]
+
+
+def _left_by_turns(comparison: HypothesisComparison, best: Fit) -> float | None:
+    """Sum of squares that a single cause leaves to first order; None for several."""
+    turns = [c for c in alike(comparison.point.candidates, best.chosen) if c is not None]
+    fits = [fitted(comparison.blocks, [c]) for c in turns]
+    left = [comparison.blocks[0].misfit(fit.coefficients) for fit in fits if fit]
+    return max(left, default=0.0) if len(best.chosen) == 1 else None
+
+
+def _zero_instead(comparison: HypothesisComparison, best: Fit) -> Fit | None:
+    """The zero of a coordinate that may do what a cause does, as far as squares of its size leave that open.
+
+    Rows of which that zero is put right decide.
+    """
+    block, left = comparison.blocks[0], _left_by_turns(comparison, best)
+    if left is None or any(c.kind in OF_THE_LOG for c in best.chosen):
+        return None
+    for zero in _zeros(comparison):
+        squares = zero.theta[0][0] ** 2 * np.sqrt(block.start)
+        if block.misfit(zero.coefficients) <= (np.sqrt(left) + squares) ** 2:
+            return zero
+    return None
 
 
 def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparison]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deltac.arrays import TINY, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.causes.columns import ColumnKernels
-from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Posterior, deviation
+from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, Posterior, deviation
 from deltac.diagnosis.inference.integrators import Integrator, IntegratorEstimate
 from deltac.diagnosis.inference.model import LogModel
 from deltac.diagnosis.inference.observations import Observations
@@ -151,6 +151,7 @@ class Inference:
         unbuilt: the inference to first order at the model itself, where causes were built into it.
         alone: sum of squares that the model without causes leaves, where causes were relinearised.
         by_filter: share (of squares) of the prediction errors that a filter explains, where one was tried.
+        zero: one of a coordinate that may do what the cause does; None for none.
     """
 
     model: LogModel
@@ -187,6 +188,7 @@ class Inference:
     force: UnknownForce | None = None
     alone: float = np.inf
     by_filter: float = 0.0
+    zero: Fit | None = None
 
     @cached_property
     def relative(self) -> tuple[Array, Array]:

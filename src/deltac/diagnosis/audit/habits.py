@@ -774,7 +774,8 @@ def rezeroed(
     before = {f.element: f.factor or 0.0 for f in known if f.kind == "zero-offset"}
     for k, (c, theta) in enumerate(zip(best.chosen, best.theta, strict=True)):
         whole = theta + before.get(c.element, 0.0)
-        if c.kind == "zero-offset" and abs(theta[0]) > SAME * abs(whole[0]):
+        most = ROUGHLY if c.element in before else 1.0  # else it would not converge
+        if c.kind == "zero-offset" and SAME * abs(whole[0]) < abs(theta[0]) <= most * abs(whole[0]):
             q[:, places[c.element]] -= theta[0]
             error = best.deviation(k) * np.sqrt(inference.tau)
             told[c.element] = Finding(

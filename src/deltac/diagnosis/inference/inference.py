@@ -570,7 +570,8 @@ def _acting_as_in(
             break
         other = compared(moved, before)
         # The right method makes the same rows by them.
-        if method.order == 1 or (other.maps and other.methods[0].name == method.name):
+        same = other.maps and other.methods[0].name == method.name
+        if same or (before is None and method.order == 1):
             return other
     return comparison
 
@@ -930,7 +931,7 @@ def inferred(
     curves = log.running(at.power[:, at.fields :])
     unseen = unseen_joules(point, comparison.blocks[0], best, tau, curves)
     integrator = integrator_estimate(comparison)
-    disputed = disputed_joules(comparison, scattered)
+    disputed = np.zeros(len(at.B)) if agreed else disputed_joules(comparison, scattered)
     share, residual, between = integrator_share(comparison, disputed)
     equations = equations_share(comparison, residual, unseen)
     attribution, left = attributed(comparison, share, equations)

@@ -86,6 +86,7 @@ def test_an_fmu_that_unpacks_to_too_much(tmp_path: Path) -> None:
     assert caught.value.code == "E-LIMIT"
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="a POSIX shell")
 def test_closed_and_full_outputs(tmp_path: Path) -> None:
     """A reader that has seen enough, and a disk that is full: no traceback, no internal error."""

@@ -100,6 +100,7 @@ def test_damping_missing_in_the_model_but_logged() -> None:
     assert {f.weight for f in noted} == {"note"}
 
 
+@pytest.mark.long
 def test_damping_that_nobody_mentions_is_measured() -> None:
     found = audit(with_changes(ARM, damping=0.0), without(arm_run(), "damper"))
     assert found.verdict.kind == "equation-error"

@@ -82,6 +82,7 @@ def test_what_an_audit_says_of_steps() -> None:
     assert "constraints" in dc.audit(disc, log_of(disc, "implicit-midpoint", 4e-3)).explain()
 
 
+@pytest.mark.long
 def test_more_than_a_tenth_of_the_energy_is_not_predicted() -> None:
     """A heavy top loses 5 % at 2 ms and all at 4 ms: the rows of the first tell nothing of the second."""
     top = dc.problems.load("heavy-top")

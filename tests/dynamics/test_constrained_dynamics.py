@@ -120,6 +120,7 @@ def test_wrong_accelerations_show_as_the_missing_power(tied: Tied) -> None:
     assert abs(scalar(epsilon) + s.u @ energy_error) < ROUNDING * scale
 
 
+@pytest.mark.long
 @fewer
 @given(tied(AT_REST, moving=False))
 def test_ideal_fixed_constraints_have_no_power(tied: Tied) -> None:
@@ -139,6 +140,7 @@ def test_ideal_fixed_constraints_have_no_power(tied: Tied) -> None:
     assert abs(scalar(power)) < ROUNDING * scale
 
 
+@pytest.mark.long
 @fewer
 @given(tied(TREES))
 def test_the_parts_of_the_kinetic_energy(tied: Tied) -> None:

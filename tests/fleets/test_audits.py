@@ -84,6 +84,7 @@ def test_every_log_is_accounted_for(fleet: dc.Fleet, folder: Path) -> None:
     assert failed["message"].null_count() == 0
 
 
+@pytest.mark.long
 def test_verdicts_are_those_of_single_audits(fleet: dc.Fleet) -> None:
     for row in fleet.frame.filter(pl.col("verdict") != "failed").iter_rows(named=True):
         alone = dc.audit(NAME, row["log"])

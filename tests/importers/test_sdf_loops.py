@@ -179,6 +179,7 @@ def test_a_kind_that_closes_no_loop_is_refused(tmp_path: Path) -> None:
     assert refused.value.code == "E-MODEL"
 
 
+@pytest.mark.long
 def test_a_circle_of_joints_floats_and_its_last_joint_closes_it(tmp_path: Path) -> None:
     joint = "<joint name='{}' type='{}'><parent>{}</parent><child>{}</child></joint>"
     text = joint.format("j", "revolute", "a", "b") + joint.format("k", "fixed", "b", "a")

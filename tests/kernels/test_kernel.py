@@ -275,6 +275,7 @@ def test_environment_forces_the_evaluator() -> None:
     assert run.stdout.split() == ["42.0", "casadi", "False"], run.stderr
 
 
+@pytest.mark.long
 def test_without_a_compiler_kernels_are_interpreted_and_it_is_said() -> None:
     code = (
         "import sys, warnings, casadi, deltac;"

@@ -105,6 +105,7 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         one.cache_clear()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("width", repeated(("1", "4"), "4"))
 def test_code_for_windows(windows: int, width: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTAC_SIMD", width)
@@ -143,6 +144,7 @@ def test_code_for_macos() -> None:
     np.testing.assert_allclose(y, expected(), rtol=0, atol=AGREE)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("triple", ["arm64-apple-macosx12", "aarch64-unknown-linux-gnu"])
 def test_code_for_other_processors_is_linked(triple: str) -> None:
     """Nothing is left open but what is handed over: linked here, not run."""

@@ -88,6 +88,7 @@ def test_leaving_out_the_work_of_the_moving_motion_constraint_fails() -> None:
     assert np.abs(ledger.delta_c["wang"] + missing).max() > 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["ball-on-table", "ball-on-rising-table"])
 def test_both_tellings_are_one_motion(name: str) -> None:
     laws, by_laws = solved(name, "laws")

@@ -119,6 +119,7 @@ def test_absolute_angles(chain: dc.Mechanism) -> None:
         assert dc.audit(chain, run).verdict.kind == "consistent"
 
 
+@pytest.mark.long
 def test_pairs_of_arrays_and_other_results(chain: dc.Mechanism) -> None:
     t = np.linspace(0, 2, 401)
     y = odeint(relative, START, t, tfirst=True, rtol=1e-10, atol=1e-10)

@@ -151,6 +151,7 @@ def test_energy_that_a_damper_takes_is_gone(solver: str) -> None:
     assert errors[1] < 0.35 * errors[0]
 
 
+@pytest.mark.long
 def test_constraints_and_quaternions_are_respected() -> None:
     problem = dc.problems.load("bricard")
     run = dc.simulate(

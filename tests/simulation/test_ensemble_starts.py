@@ -50,6 +50,7 @@ def gap(L: float, q: np.ndarray) -> np.ndarray:
     return np.array([apart.real, apart.imag])
 
 
+@pytest.mark.long
 def test_members_start_by_their_own_parameters() -> None:
     """Also member 0, whose length is not the mechanism's; they stay on their own loops."""
     starts = [assembled(float(L)) for L in LENGTHS]

@@ -81,6 +81,7 @@ def test_bounces_of_backward_euler_are_of_first_order() -> None:
         assert 1.7 < a / b < 2.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver",
     repeated(("implicit-midpoint", "generalized-alpha", "discrete-gradient"), "generalized-alpha"),

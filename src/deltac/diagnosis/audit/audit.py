@@ -692,16 +692,13 @@ def _inference_of_rows(
         if not _follows(inference) or _follows(other.inference):
             return other
     if inference is not None:
-        for own, zero in ((True, inference.posterior.best), (False, inference.zero)):
-            right = rezeroed(rows, inference, zero, log.findings)
-            if right is None:
-                continue
+        # One in the place of a cause needs no other.
+        zeros = inference.zero or inference.posterior.best
+        if right := rezeroed(rows, inference, zeros, log.findings):
             zeroed = balanced(mechanism, right[0], reference.work, right[1])
             other = _judgement(reference, zeroed, known, limit, progress)
-            # In the place of a cause, one that needs no other.
-            if _follows(other.inference, max(KNOWN, inference.excess)) and (
-                own or not other.causes
-            ):
+            suffices = inference.zero is None or not other.causes
+            if suffices and _follows(other.inference, max(KNOWN, inference.excess)):
                 return other
     alone = differences(rows, one_sided=True)
     if inference is not None and alone is not None and _speeds_are_shifted(inference):

@@ -760,24 +760,22 @@ def _highest(x: Array, y: Array) -> float:
 
 
 def rezeroed(
-    run: Trajectory, inference: Inference, best: Fit | None, known: Sequence[Finding]
+    run: Trajectory, inference: Inference, zeros: Fit, known: Sequence[Finding]
 ) -> tuple[Trajectory, tuple[Finding, ...]] | None:
     """A run with the zeros of its coordinates put right that a fit says are off; None for none.
 
     With findings that say so, in the place of those `known` of the same coordinates: zeros are found to
-    second order, and what is left of them is found again.
+    second order, and what is left of them is found again: a tenth at most, or it is none of them.
     """
-    if best is None:
-        return None
     q, told = np.array(run.q), dict[str, Finding]()
     places = {run.speeds[j]: i for i, j in RateNames.of(run.coordinates, run.speeds).rates}
     before = {f.element: f.factor or 0.0 for f in known if f.kind == "zero-offset"}
-    for k, (c, theta) in enumerate(zip(best.chosen, best.theta, strict=True)):
+    for k, (c, theta) in enumerate(zip(zeros.chosen, zeros.theta, strict=True)):
         whole = theta + before.get(c.element, 0.0)
-        most = ROUGHLY if c.element in before else 1.0  # else it would not converge
+        most = ROUGHLY if c.element in before else 1.0
         if c.kind == "zero-offset" and SAME * abs(whole[0]) < abs(theta[0]) <= most * abs(whole[0]):
             q[:, places[c.element]] -= theta[0]
-            error = best.deviation(k) * np.sqrt(inference.tau)
+            error = zeros.deviation(k) * np.sqrt(inference.tau)
             told[c.element] = Finding(
                 c.kind,
                 sentence(inference.model.mechanism, c, whole, error),

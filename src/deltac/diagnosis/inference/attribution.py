@@ -193,9 +193,10 @@ def disputed_joules(comparison: HypothesisComparison, scattered: bool) -> Array:
     if comparison.maps:
         return np.zeros(len(at.B))
     T, best = comparison.point.log.running(at.power[:, first]), comparison.posterior.best
-    block, (c, C) = comparison.blocks[0], (x[first] for x in comparison.numbers)
+    block, (numbers, covariance) = comparison.blocks[0], comparison.numbers
+    c = numbers[first]
     if scattered:
-        error = np.sqrt(np.einsum("ki,ij,kj->k", T, C[:, first], T))
+        error = np.sqrt(np.einsum("ki,ij,kj->k", T, covariance[first, first], T))
         return np.asarray(np.maximum(np.abs(T @ c) - SIGNIFICANT * error, 0.0))
     p, of_fields = block.projected, comparison.rows.projected
     # Of rows that are several steps apart the numbers are parts of those of the step.

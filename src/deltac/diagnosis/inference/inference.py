@@ -606,7 +606,7 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
         for one in sorted(equal, key=_rank)[::-1]
     }
     first, *others = sorted(simplest.values(), key=_rank)
-    left = _left_by_turns(comparison, first.posterior.best)
+    left = _left_to_first_order(comparison, first.posterior.best)
     for zero in _zeros(comparison) if left is not None else ():
         # What a zero does to third order is not in its columns.
         third = (zero.theta[0][0] ** 2 / 6.0) ** 2 * comparison.blocks[0].start
@@ -624,10 +624,10 @@ def _zeros(comparison: HypothesisComparison) -> list[Fit]:
     return [fit for fit in fits if fit is not None]
 
 
-def _left_by_turns(comparison: HypothesisComparison, best: Fit) -> float | None:
+def _left_to_first_order(comparison: HypothesisComparison, best: Fit) -> float | None:
     """Sum of squares that a single cause leaves to first order; None for several."""
-    turns = [c for c in alike(comparison.point.candidates, best.chosen) if c is not None]
-    fits = [fitted(comparison.blocks, [c]) for c in turns]
+    same = [c for c in alike(comparison.point.candidates, best.chosen) if c is not None]
+    fits = [fitted(comparison.blocks, [c]) for c in same]
     left = [comparison.blocks[0].misfit(fit.coefficients) for fit in fits if fit]
     return max(left, default=0.0) if len(best.chosen) == 1 else None
 
@@ -637,7 +637,7 @@ def _zero_instead(comparison: HypothesisComparison, best: Fit) -> Fit | None:
 
     Rows of which that zero is put right decide.
     """
-    block, left = comparison.blocks[0], _left_by_turns(comparison, best)
+    block, left = comparison.blocks[0], _left_to_first_order(comparison, best)
     if left is None or any(c.kind in OF_THE_LOG for c in best.chosen):
         return None
     for zero in _zeros(comparison):

@@ -118,11 +118,9 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
             return held
         if method.order == 1 and kind == "end":
             return "ramp"
-        if method.order > 1 and kind == "mean":  # of both ends: no controller holds it
-            return function
         if holds:
             return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
-        return function if method.order > 1 and kind in ("end", *of_rows) else kind
+        return function if method.order > 1 and kind in ("end", "mean", *of_rows) else kind
 
     forces = point.forces.of(list(map(acting, point.forces.kinds, point.forces.stairs)))
     in_steps = "step" in point.forces.kinds and not often

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import deltac as dc
 
@@ -72,4 +74,43 @@ def test_gyroscopic_terms_that_are_missing_have_a_name() -> None:
     )
     first = dc.audit(model, run).findings[0]
     assert (first.kind, first.element) == ("gyroscopic-terms", "top")
+    assert first.factor == pytest.approx(0.0, abs=1e-6)
+
+
+def test_gyroscopic_terms_that_no_body_has_are_one_mistake() -> None:
+    """Of a rotor in gimbals: Σ Aᵀ J ω̇ = 0, A the partial angular velocities, where ω × Jω was forgotten."""
+    axes = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
+    moments = np.array([[0.03, 0.02, 0.04], [0.01, 0.02, 0.015], [0.008, 0.012, 0.01]])
+    names = ("outer", "inner", "rotor")
+
+    def rate(t: float, y: np.ndarray) -> np.ndarray:
+        R, w, bias, M, f = np.eye(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        A = np.zeros((3, 3))
+        for k, axis in enumerate(axes):
+            A[:, k] = R @ axis
+            bias = bias + np.cross(w, A[:, k] * y[3 + k])
+            w = w + A[:, k] * y[3 + k]
+            R = R @ Rotation.from_rotvec(axis * y[k]).as_matrix()
+            J = R @ np.diag(moments[k]) @ R.T
+            own = A * (np.arange(3) <= k)
+            M, f = M + own.T @ J @ own, f - own.T @ J @ bias
+        return np.concatenate([y[3:], np.linalg.solve(M, f)])
+
+    t = np.linspace(0.0, 2.0, 401)
+    start = [0.2, 0.3, 0.0, 0.4, -0.2, 30.0]
+    rows = solve_ivp(rate, (0.0, 2.0), start, "DOP853", t, rtol=1e-12, atol=1e-12).y.T
+    parents = ("ground", "outer", "inner")
+    model = dc.Mechanism(
+        bodies=[dc.body(n, 1.0, inertia=tuple(J)) for n, J in zip(names, moments)],
+        joints=[
+            dc.revolute(f"of {n}", p, n, axis=tuple(axis))
+            for n, p, axis in zip(names, parents, axes)
+        ],
+    )  # fmt: skip
+    run = dc.Trajectory(
+        t=t, q=rows[:, :3], u=rows[:, 3:], coordinates=model.coordinates.names,
+        speeds=model.speeds.names, provenance=dc.Provenance("by hand"),
+    )  # fmt: skip
+    first = dc.audit(model, run).findings[0]
+    assert (first.kind, first.element) == ("gyroscopic-terms", "all bodies")
     assert first.factor == pytest.approx(0.0, abs=1e-6)

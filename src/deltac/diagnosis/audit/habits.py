@@ -17,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import chain, product
 from typing import TypeAlias
 
 import numpy as np
@@ -247,7 +247,7 @@ class _FilteredRows:
         T, m = len(self.run), self.model.rows(self.run).F.shape[1]
         none = np.zeros((T, 2 * self.model.n, 0)), np.zeros((T, m, 0))
         own = replace(self._as_logged, steps=self.steps)
-        return min(left for left, _, _ in own.beside(*none))
+        return own.beside(*none, SMALL_SHARE)[0][0]
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -300,26 +300,40 @@ class _FilteredRows:
         return np.stack(states, axis=-1), np.stack(forces, axis=-1)
 
     def again(self, fit: _Fit) -> _Fit:
-        """A fit by what its likeliest method or the flow leaves, after steps that are ten times better each.
+        """A fit after steps of Gauss and Newton that are ten times better each, by few kinds of steps.
 
         Rotations and long delays are not linear in the numbers of a filter.
         """
-        few = tuple(dict.fromkeys([fit.steps[0], (fit.steps[0][0], EXACT)]))
         with suppress(*NO_MOTION):
-            return replace(self.settled(replace(fit, steps=few), 1.0 / NEAR), steps=fit.steps)
+            return self._by_few(fit, 1.0 / NEAR)
         return fit
 
-    def settled(self, fit: _Fit, rest: float = 1.0 - ROUGHLY) -> _Fit:
-        """A fit after steps of Gauss and Newton, as long as each leaves less than a share `rest`.
+    def settled(self, fit: _Fit) -> _Fit:
+        """A fit whose numbers have settled, by the likeliest of its kinds of steps if it is a low-pass.
 
         Raises as `improved`.
         """
-        fit = replace(fit, left=np.inf)
         for _ in range(NEWTON_STEPS):
-            before, fit = fit, self.improved(fit)
-            if fit.left > rest * before.left:
+            few = self._by_few(fit, 1.0 - ROUGHLY)
+            if not few.filter.low_pass:
+                return few
+            fit = self.improved(few)
+            if fit.steps[0] == few.steps[0]:
                 break
         return fit
+
+    def _by_few(self, fit: _Fit, rest: float) -> _Fit:
+        """A fit after steps of Gauss and Newton, as long as each leaves less than a share `rest`.
+
+        By the likeliest of its kinds of steps, and by the flow; the others are kept. Raises as `improved`.
+        """
+        few = tuple(dict.fromkeys([fit.steps[0], (fit.steps[0][0], EXACT)]))
+        own = replace(fit, left=np.inf, steps=few)
+        for _ in range(NEWTON_STEPS):
+            before, own = own, self.improved(own)
+            if own.left > rest * before.left:
+                break
+        return replace(own, steps=tuple(dict.fromkeys([*own.steps, *fit.steps])))
 
     def _departures(self, run: Trajectory, steps: Sequence[Step]) -> _Departures:
         """What rows of a run depart by from these steps.
@@ -394,18 +408,40 @@ class _Departures:
                     each[kind, of.method] = w, of
         return each
 
+    def alike(self, least: float) -> dict[Step, list[Step]]:
+        """Kinds of steps of which rows differ by `least`, each with those of which they differ by less."""
+        if least not in self._alike:
+            kinds = dict[Step, list[Step]]()
+            for step, (w, _) in self.each.items():
+                gaps = np.reshape([self.each[k][0] - w for k in kinds], (-1, *w.shape))
+                near = [k for k, gap in zip(kinds, self._typical(gaps)) if gap < least]
+                kinds.setdefault(near[0] if near else step, []).append(step)
+            self._alike[least] = kinds
+        return self._alike[least]
+
     @cached_property
-    def transitions(self) -> dict[Step, Array]:
-        """Derivatives (N, 2n, 2n) of each map; those of the exact flow for an implicit one.
+    def _alike(self) -> dict[float, dict[Step, list[Step]]]:
+        return {}
+
+    def _typical(self, w: Array) -> Array:
+        """What prediction errors (…, N, 2n) are in most intervals: blows are of a few."""
+        squares = np.mean((w / self.rows.unit) ** 2, axis=-1)
+        return np.asarray(np.sqrt(np.median(squares, axis=-1)))
+
+    def transition(self, step: Step) -> Array:
+        """Derivatives (N, 2n, 2n) of a map; those of the exact flow for an implicit one.
 
         What a delay does to a motion hardly departs from it: to the first order in the step it is nothing.
         """
-        own, Phi = dict[Step, Array](), self.tangent.Phi
-        for (kind, method), (_, of) in self.each.items():
-            between = self.flow.forces.alike(kind).between
-            each = transition(self.rows.plant, of, self.log.intervals, between)
-            own[kind, method] = Phi if each is None else each
-        return own
+        if step not in self._transitions:
+            between = self.flow.forces.alike(step[0]).between
+            own = transition(self.rows.plant, self.each[step][1], self.log.intervals, between)
+            self._transitions[step] = self.tangent.Phi if own is None else own
+        return self._transitions[step]
+
+    @cached_property
+    def _transitions(self) -> dict[Step, Array]:
+        return {}
 
     @cached_property
     def causes(self) -> Array:
@@ -446,21 +482,25 @@ class _Departures:
         first, last = of_forces[:-1], of_forces[1:] if step[0] == "smooth" else of_forces[:-1]
         within = first + np.linspace(0.0, 1.0, 5)[:, None, None, None] * (last - first)
         by_forces = impulse(self.flow.force_responses, within, self.log.intervals.h)
-        return self._flat(change[1:] - self.transitions[step] @ change[:-1] - by_forces)
+        return self._flat(change[1:] - self.transition(step) @ change[:-1] - by_forces)
 
-    def beside(self, change: Array, of_forces: Array) -> list[tuple[float, Array, Step]]:
-        """What each kind of step leaves beside such changes and causes, with the numbers of the former."""
-        fits, of_causes = list[tuple[float, Array, Step]](), self._of_causes
-        for step in self.each:
+    def beside(
+        self, change: Array, of_forces: Array, least: float
+    ) -> list[tuple[float, Array, list[Step]]]:
+        """What kinds of steps leave beside such changes and causes, with the numbers of the former.
+
+        The best first; those that are alike to `least` together.
+        """
+        fits, of_causes = list[tuple[float, Array, list[Step]]](), self._of_causes
+        for step, others in self.alike(least).items():
             r, D = self.of(step), self.moved(step, change, of_forces)
             if not np.isfinite(D).all():
                 continue
             r, D = (x - of_causes @ (of_causes.T @ x) for x in (r, D))
             numbers = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
-            # In most intervals: blows are of a few, which few numbers could explain.
-            squares = ((r + D @ numbers) ** 2).reshape(len(self.log.intervals), -1)
-            fits.append((float(np.sqrt(np.median(squares.mean(axis=1)))), numbers, step))
-        return fits
+            left = (r + D @ numbers).reshape(self.flow.w.shape) * self.rows.unit
+            fits.append((float(self._typical(left)), numbers, others))
+        return sorted(fits, key=lambda item: item[0])
 
     def improved(self, fit: _Fit, change: Array, of_forces: Array) -> _Fit:
         """A fit by the likeliest step, where units of its numbers make these changes.
@@ -468,14 +508,13 @@ class _Departures:
         Raises:
             FlowError: no step is finite.
         """
-        fits = self.beside(change, of_forces)
+        fits = self.beside(change, of_forces, SMALL_SHARE * min(fit.left, 1.0))
         if not fits:
             raise FlowError("no step is finite between the rows of what went into the filter")
-        fits.sort(key=lambda item: item[0])
         left, step, _ = fits[0]
         numbers = tuple(x + float(d) for x, d in zip(fit.filter.numbers, step, strict=True))
-        near = tuple(step for x, _, step in fits if x <= NEAR * left)
-        return _Fit(replace(fit.filter, numbers=numbers), left, near)
+        near = (alike for x, _, alike in fits if x <= NEAR * left)
+        return _Fit(replace(fit.filter, numbers=numbers), left, tuple(chain.from_iterable(near)))
 
 
 def _basis(columns: Array) -> Array:

@@ -384,6 +384,16 @@ class Candidate:
             coefficients = coefficients + np.einsum("aij,i,j->a", self.quadratic, theta, theta)
         return np.asarray(coefficients)
 
+    def squares(self, theta: Array) -> float:
+        """Share of what it does that squares of its numbers do, about; none where it is linear in them.
+
+        That is their size beside the lengths or angles, or the values of the model, which they change.
+        """
+        if self.edit is None and self.quadratic is None:
+            return 0.0
+        whole = self.limit if np.isfinite(self.limit) else float(np.linalg.norm(self.base)) or 1.0
+        return float(np.linalg.norm(theta)) / whole
+
     def tangent(self, theta: Array) -> Array:
         """Their derivatives (a, d)."""
         if self.quadratic is None:
@@ -524,7 +534,7 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
     system = equations.symbols.system
     whole = list[tuple[tuple[int, ...], Array]]()
-    steady = list[int]()
+    steady, gyroscopic = list[int](), list[int]()
     for link in system.links:
         if equations.mechanism.body(link.joint.child).massless:
             continue
@@ -538,6 +548,7 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         whole.append((at, mass + moments))
         steady += places(Column("velocity", b.name))
         own = places(Column("gyroscopic", b.name))
+        gyroscopic += own
         yield from cause("gyroscopic-terms", b.name, own, [1.0], 1.0)
         yield from cause("body-inertia", b.name, at, mass + moments, 1.0)
         yield from cause("body-mass", b.name, at, mass, 1.0)
@@ -553,6 +564,10 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         weights = np.concatenate([w for _, w in whole])
         yield from cause("mass-scale", "all bodies", columns, weights, 1.0)
     yield from cause("velocity-terms", "all bodies", tuple(steady), [1.0] * len(steady), 1.0)
+    if len(gyroscopic) > 1:
+        words = "the gyroscopic terms of all bodies are {times}"
+        each = tuple(gyroscopic), [1.0] * len(gyroscopic)
+        yield from cause("gyroscopic-terms", "all bodies", *each, 1.0, words=words)
 
 
 def _centres(b: BodyMass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:

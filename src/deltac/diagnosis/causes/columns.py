@@ -45,7 +45,7 @@ class Column:
 
     inertia     body; 0 mass, 1–3 first moments, 4–9 Jxx, Jyy, Jzz, Jxy, Jxz, Jyz; kg, kg·m, kg·m²
     velocity    body; what its inertia makes of speeds alone: centrifugal, Coriolis and gyroscopic terms
-    gyroscopic  body; what its central moments of inertia make of them
+    gyroscopic  body; ω × Jω of its central inertia J
     weight      body; the part of its columns 0 to 3 that gravity makes
     gravity     world axis; m/s²
     weight term, velocity term  speed: what gravity, and what speeds alone, do in its equation
@@ -215,8 +215,7 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
         if s.mechanism.body(body).massless:
             continue
         turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
-        J = central_inertia(link)
-        moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
+        moment = cross(V[k][:3], ca.mtimes(central_inertia(link), V[k][:3]))
         wrenches = {
             Column("velocity", body): -turning,
             Column("gyroscopic", body): -ca.vertcat(moment, ca.SX(3, 1)),

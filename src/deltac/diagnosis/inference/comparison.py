@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, SIX_DIGITS, Array
+from deltac.arrays import EPS, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
-    TOGETHER,
     Block,
     Posterior,
     autocorrelation_time,
@@ -231,6 +230,9 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
                 # Causes must be likelier than a method without any, beside whichever integrator they are.
                 other = Posterior(nothing(len(point.coefficients)), (), other.scores)
                 doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
+                # One that leaves a thousand times the noise that causes leave is none.
+                left = series.misfit(posterior.best.coefficients)
+                doubt &= left > KNOWN * series.count or SMALL_SHARE * rows.start < left
                 gain = np.inf if posterior.best.chosen and doubt else gain
             if gain - price > CERTAIN:
                 own = HypothesisComparison(
@@ -295,10 +297,8 @@ def _at_promising(comparison: HypothesisComparison) -> HypothesisComparison:
             break
         block = moved.at.beside(moved.promising)
         # Others beside the first few would explain squares of these.
-        fits = (searched(moved.at, block, most=k + 1).best for k in range(TOGETHER))
-        explains = SOME * block.start
-        causes = next((fit for fit in fits if block.misfit(fit.coefficients) <= explains), None)
-        if causes is None:
+        causes = searched(moved.at, block, enough=SOME).best
+        if block.misfit(causes.coefficients) > SOME * block.start:
             break
         if any(c.edit is not None for c in causes.chosen):
             break  # of those that look alike each is built, in `inference`

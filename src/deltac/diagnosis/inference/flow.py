@@ -107,21 +107,20 @@ def runge_kutta(
 
     The stages' rates of rotations are added as quaternions, or `on_group` as rotation vectors.
     """
-    rates, slopes = list[Array](), list[Array]()
+    count = len(tableau.c)
+    rates = np.empty((count, *(at.u if on_group else at.q).shape))
+    slopes = np.empty((count, *at.u.shape))
 
     def moved(weights: Sequence[float]) -> tuple[Array, Array]:
-        dq, du = np.zeros_like(rates[0]), np.zeros_like(slopes[0])
-        for w, r, s in zip(weights, rates, slopes, strict=True):
-            if w:
-                dq += w * r
-                du += w * s
+        w, some = np.array(weights), len(weights)
+        dq, du = ((w @ x[:some].reshape(some, -1)).reshape(x.shape[1:]) for x in (rates, slopes))
         return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
 
     for stage, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
-        q, u = moved(row) if rates else (at.q, at.u)
+        q, u = moved(row) if stage else (at.q, at.u)
         t = at.t + c * h[:, 0]
-        rates.append(u if on_group else model.rate(t, q, u))
-        slopes.append(model.acceleration(t, q, u, force(c, stage)))
+        rates[stage] = u if on_group else model.rate(t, q, u)
+        slopes[stage] = model.acceleration(t, q, u, force(c, stage))
     q, u = moved(tableau.b)
     for i, _ in model.quaternions:
         q[:, i : i + 4] /= np.linalg.norm(q[:, i : i + 4], axis=1, keepdims=True)

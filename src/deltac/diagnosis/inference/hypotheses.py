@@ -202,6 +202,10 @@ class Block:
         """The same without causes."""
         return self.misfit(np.zeros(len(self.causes)))
 
+    def share_left(self, fit: Fit) -> float:
+        """Share of the amplitude of r that the causes of a fit leave."""
+        return float(np.sqrt(self.misfit(fit.coefficients) / self.start))
+
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
         x, change = self.projected.nuisance_at(coefficients), coefficients - self.projected.origin
@@ -620,6 +624,7 @@ def search(
     beside: float = NEGLIGIBLE,
     pairs: bool = False,
     start: Fit | None = None,
+    enough: float = 0.0,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before, and those of a `start`.
 
@@ -627,8 +632,8 @@ def search(
     Miller, Subset Selection in Regression, 2002, ch. 3).
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
     one of less than `negligible` only if it leaves next to nothing (`SMALL_SHARE`) of what was left before.
-    `most` are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass
-    centre of a body at once.
+    `most` are found together, each with a share of `beside` of the largest at least, and no more once these
+    leave a share that is `enough`; `pairs`: mass and mass centre of a body at once.
     """
     best, near = start or nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -677,6 +682,8 @@ def search(
             odds, other = max(extended(others, 0), key=lambda item: item[0], default=(now, best))
             if odds > now + CERTAIN:
                 best, near = other, [other]
+        if all(b.misfit(best.coefficients) <= enough * b.start for b in blocks):
+            break
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
 

@@ -14,7 +14,7 @@ from itertools import count
 
 import numpy as np
 
-from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, SMALL_SHARE, Array
+from deltac.arrays import NEGLIGIBLE, ROUGHLY, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import TERMS_OF_AN_EQUATION, Candidate, alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
@@ -42,6 +42,7 @@ from deltac.diagnosis.inference.comparison import HypothesisComparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     TOGETHER,
+    Block,
     Fit,
     Posterior,
     fitted,
@@ -590,13 +591,10 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     is built, and others are asked for beside the likeliest.
     """
     point, found = comparison.point.among(comparison.near), comparison.posterior
-    alone = _rivals(comparison)
-    if not alone or all(c.kind in OF_THE_LOG for c in found.best.chosen):
+    rivals = _rivals(comparison)
+    if not rivals or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
-    built = _built(point, _in_sample(point, alone))
-    if not any(one.posterior.best.alike(found.best) for one in built):
-        together = _settled(point.narrowed(found), found, True)
-        built += [] if together is None else [together]
+    built = _likely_rivals(point, rivals, (comparison.blocks[0].share_left(found.best), found))
     if not built:
         return comparison
     equal = _likeliest(built)
@@ -647,10 +645,49 @@ def _zero_instead(comparison: HypothesisComparison, best: Fit) -> Fit | None:
     return None
 
 
-def _built(point: Point, rivals: Sequence[Posterior]) -> list[HypothesisComparison]:
-    """Rivals that settle where they are built, each by its own columns."""
-    settled = [_settled(point.narrowed(one), one, True) for one in rivals]
-    return [one for one in settled if one is not None and one.posterior.best.chosen]
+def _likely_rivals(
+    point: Point, rivals: Sequence[tuple[float, Posterior]], found: tuple[float, Posterior]
+) -> list[HypothesisComparison]:
+    """Rivals where they are built, without those that a sample of the rows excludes, and what was found.
+
+    Of those that all leave nothing in it, one is built in all rows.
+    """
+    several = len(rivals) > TOGETHER and len(point.log.intervals) >= 2 * SAMPLE
+    few = list[tuple[float, HypothesisComparison]]()
+    if several and point.forces.filter is None:
+        with suppress(*NO_MOTION):
+            few = _built(point.sampled(SAMPLE), rivals)
+    likely = sorted(_likeliest([one for _, one in few]), key=_rank)
+    first = _built(point, [(0.0, one.posterior) for one in likely[:1] if _nothing_left(one)])
+    if first and _nothing_left(first[0][1]):
+        return [first[0][1], *likely[1:]]
+    some = [(left, one.posterior) for left, one in few if one in likely] or list(rivals)
+    if not any(one.best.alike(found[1].best) for _, one in some):
+        some = sorted([*some, found], key=_by_left)
+    return [one for _, one in _built(point, some)]
+
+
+def _built(
+    point: Point, rivals: Sequence[tuple[float, Posterior]]
+) -> list[tuple[float, HypothesisComparison]]:
+    """Rivals that settle where they are built, each by its own columns, with what they leave to first order.
+
+    Where the rows follow beside one, others are not built that leave much more to first order than it does
+    and squares of their numbers may do; nor several causes beside one that leaves no more than noise.
+    """
+    settled, least, single = list[tuple[float, HypothesisComparison]](), np.inf, False
+    for left, one in rivals:
+        causes = list(zip(one.best.chosen, one.best.theta, strict=True))
+        squares = max(c.squares(x) for c, x in causes)
+        if left > least / ROUGHLY + squares or (single and len(causes) > 1):
+            continue
+        own = _settled(point.narrowed(one), one, True)
+        if own is not None and own.posterior.best.chosen:
+            settled.append((left, own))
+            noise = _nothing_left(own) or own.excess <= 1.0
+            single |= noise and len(causes) == 1
+            least = min(least, left) if noise or own.excess <= KNOWN else least
+    return settled
 
 
 def _likeliest(built: Sequence[HypothesisComparison]) -> list[HypothesisComparison]:
@@ -665,19 +702,6 @@ def _likeliest(built: Sequence[HypothesisComparison]) -> list[HypothesisComparis
         built = [one for one in built if one.excess <= KNOWN]
     odds = _log_odds(built)
     return [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
-
-
-def _in_sample(point: Point, rivals: Sequence[Posterior]) -> Sequence[Posterior]:
-    """The rivals that a sample of the rows does not exclude."""
-    if len(rivals) <= TOGETHER or len(point.log.intervals) < 2 * SAMPLE:
-        return rivals
-    if point.forces.filter is not None:
-        return rivals
-    try:
-        likely = _likeliest(_built(point.sampled(SAMPLE), rivals))
-    except NO_MOTION:
-        return rivals
-    return [one.posterior for one in likely] or rivals
 
 
 def _rank(comparison: HypothesisComparison) -> tuple[int, int]:
@@ -805,35 +829,39 @@ def _linearised(
     return moved if len(best.each) == len(best.chosen) else None
 
 
-def _rivals(comparison: HypothesisComparison) -> list[Posterior]:
+def _rivals(comparison: HypothesisComparison) -> list[tuple[float, Posterior]]:
     """Causes that explain most of what is left to first order, of each the likeliest in so many numbers.
 
-    Those of the geometry, and mistakes that were made several times.
+    Those of the geometry, and mistakes that were made several times; with the share of the amplitude that
+    they leave.
     """
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
     ways = [(comparison.at, block)]
     if point.model.n == len(point.model.mechanism.free.u) and not _nothing_left(comparison):
         at = regression(point.with_measured_columns())
         ways.append((at, at.series))
-    of_one_kind = dict[tuple[object, ...], tuple[float, Posterior]]()
+    rivals = dict[tuple[object, ...], tuple[float, Posterior]]()
+
+    def add(own: Block, fit: Fit, *what: object) -> None:
+        share = own.share_left(fit)
+        if share < (rivals[what][0] if what in rivals else np.sqrt(SLIGHT)):
+            rivals[what] = share, Posterior(fit, (), ())
+
     for way, own in ways:
         for one in mistakes_of_one_kind(way, own):
-            names, left = tuple(c.name for c in one.best.chosen), own.misfit(one.best.coefficients)
-            if left < of_one_kind.get(names, (SLIGHT,))[0] * own.start:
-                of_one_kind[names] = left / own.start, one
-    rivals = [one for _, one in of_one_kind.values()]
-    if not any(c.edit is not None for _, c, _ in scores):
-        return rivals
-    least = dict[tuple[str, str, str, int], Fit]()
+            add(own, one.best, *(c.name for c in one.best.chosen))
     whats = {c.what for _, c, _ in scores if c.kind not in OF_THE_LOG}
-    for c in (c for c in point.candidates if c.what in whats):
-        fit, key = fitted(comparison.blocks, [c]), (*c.what, c.size)
-        if fit is None or not c.plausible(fit.theta[0]):
-            continue
-        bound = block.misfit(least[key].coefficients) if key in least else SLIGHT * block.start
-        if block.misfit(fit.coefficients) < bound:
-            least[key] = fit
-    return [*rivals, *(Posterior(fit, (), ()) for fit in least.values())]
+    built = any(c.edit is not None for _, c, _ in scores)
+    for c in (c for c in point.candidates if c.what in whats) if built else ():
+        fit = fitted(comparison.blocks, [c])
+        if fit is not None and c.plausible(fit.theta[0]):
+            add(block, fit, *c.what, c.size)
+    return sorted(rivals.values(), key=_by_left)
+
+
+def _by_left(rival: tuple[float, Posterior]) -> float:
+    """Order of rivals by what they leave to first order: several causes must leave less than one."""
+    return rival[0] * len(rival[1].best.chosen)
 
 
 def _beside(

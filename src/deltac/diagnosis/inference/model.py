@@ -274,7 +274,11 @@ class LogModel:
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates."""
-        return self._expressions.qdot(t, q, u)[0]
+        if len(self.rates) < q.shape[1]:
+            return self._expressions.qdot(t, q, u)[0]
+        qdot, (of_q, of_u) = np.empty_like(q), self.rates.T
+        qdot[:, of_q] = u[:, of_u]
+        return qdot
 
     def energy_gradient(self, rows: Rows) -> Array:
         """What a jump of the state adds to ΔC (T, 2n), J: ∂(K + V)/∂x, less what drives are booked for it.

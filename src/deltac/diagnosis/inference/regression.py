@@ -332,10 +332,10 @@ def searched(
     at: Regression,
     block: Block,
     before: Posterior | None = None,
-    most: int = TOGETHER,
+    enough: float = 0.0,
     start: Fit | None = None,
 ) -> Posterior:
-    """The posterior of causes by a block of equations, at `most` together by prediction errors.
+    """The posterior of causes by a block of equations, of no more once a share is left that is `enough`.
 
     Or that of causes found before, fitted anew; or of further causes beside those of a `start`.
     """
@@ -353,10 +353,11 @@ def searched(
         lambda fit: at.exchanged(fit)[0],
         at.bias,
         max(SIX_DIGITS * point.energy, omitted),
-        MANY if linear else most,
+        MANY if linear else TOGETHER,
         0.0 if linear else NEGLIGIBLE,
         linear,
         start,
+        enough,
     )
 
 

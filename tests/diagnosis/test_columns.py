@@ -138,3 +138,5 @@ def test_noise_is_told_from_signal(size: float) -> None:
     assert found == pytest.approx(size, rel=0.15)
     coarse = np.sin(20.0 * np.linspace(0.0, 4.0, 100))
     assert white_noise(coarse[:, None]) == [0.0]  # and not noisy
+    held = np.repeat(rng.standard_normal(400), 5)  # of a policy's actions, each for five steps
+    assert white_noise(held[:, None]) == [0.0]

@@ -252,6 +252,26 @@ def test_equalities_come_from_the_log_by_default() -> None:
     assert any("'constraint e'" in remark.consequence for remark in report.ignored)
 
 
+@pytest.mark.parametrize("flag", ["limit", "frictionloss", "equality", "contact", "constraint"])
+def test_what_is_switched_off_needs_no_channel(flag: str) -> None:
+    """All that the solver of constraints makes, by its own flag or by that of the solver."""
+    joint = "<joint name='j' limited='true' range='-10 10' frictionloss='.1'/>"
+    bodies = f"<body name='a'>{joint}{BALL}</body><body name='b' pos='1 0 0'><joint/>{BALL}</body>"
+    more = "<equality><connect name='e' body1='a' body2='b' anchor='.5 0 0'/></equality>"
+    model = mujoco.MjModel.from_xml_string(
+        f"<mujoco><option><flag {flag}='disable'/></option><worldbody>{bodies}</worldbody>{more}</mujoco>"
+    )
+    kinds = {
+        "limit": "limit j",
+        "frictionloss": "friction j",
+        "equality": "constraint e",
+        "contact": "contact",
+    }
+    off = kinds if flag == "constraint" else {flag}
+    words = "".join(remark.consequence for remark in read_mechanism(model)[1].ignored)
+    assert {kind for kind, name in kinds.items() if name not in words} == set(off)
+
+
 def test_names() -> None:
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><worldbody><body name='ground'><joint/>{BALL}<body name='joint0'>

@@ -99,6 +99,37 @@ def test_what_keeps_a_model_from_reproducing_a_log_is_named() -> None:
     assert cause.size == pytest.approx(2.0 / 2.05, abs=1e-8)
 
 
+def test_random_actions_beside_a_mistake_are_no_noise() -> None:
+    """Each acts for five steps of RK4. What they do is known without a replay that nobody asked for.
+
+    The joints would stop if the solver of constraints were not switched off.
+    """
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><option integrator="RK4" timestep="0.01"><flag constraint="disable"/></option>
+          <default><joint type="hinge" axis="0 0 1" limited="true" range="-10 10"/></default>
+          <worldbody><body><joint name="shoulder" armature="1" damping="1"/>
+            <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01"/>
+            <body pos=".1 0 0"><joint name="elbow" armature="1" damping="1"/>
+              <geom type="capsule" fromto="0 0 0 .11 0 0" size=".01"/></body></body></worldbody>
+          <actuator><motor joint="shoulder" gear="200"/><motor joint="elbow" gear="200"/></actuator>
+        </mujoco>""")
+    data, actions = mujoco.MjData(model), np.random.default_rng(3).uniform(-0.06, 0.06, (120, 2))
+    rows = list[Any]()
+    for k in range(600):
+        data.ctrl[:] = actions[k // 5]
+        rows.append([data.time, *data.qpos, *data.qvel, *data.ctrl])
+        mujoco.mj_step(model, data)
+    t, *columns = np.array(rows).T
+    q, u, ctrl = (np.column_stack(columns[k : k + 2]) for k in (0, 2, 4))
+    assert np.abs(q).max() > np.deg2rad(10.0)
+    model.dof_armature[1] *= 1.1
+    found = dc.audit(model, {"time": t, "qpos": q, "qvel": u, "ctrl": ctrl})
+    assert found.verdict.kind == "equation-error"
+    (cause,) = found.causes
+    assert (cause.kind, cause.element) == ("armature", "elbow")
+    assert cause.values == pytest.approx([1.0], abs=1e-6)
+
+
 @pytest.mark.parametrize("name", ["{}_ctrl", "ctrl.{}", "action_{}"])
 def test_a_column_names_an_actuator_and_its_control(name: str, tmp_path: Path) -> None:
     log = arrays()

@@ -288,25 +288,25 @@ def report_unmodelled(model: Any, findings: Findings) -> None:
 
 
 def _of_joints_and_tendons(model: Any, findings: Findings) -> None:
+    rubs, stops = (not disabled(model, what) for what in ("FRICTIONLOSS", "LIMIT"))
     for j, name in enumerate(joint_names(model)):
         dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
-        if np.asarray(model.dof_frictionloss)[dofs].any():
+        if rubs and np.asarray(model.dof_frictionloss)[dofs].any():
             findings.leave_to_log(name, "dry friction", f"friction {name}")
-        if model.jnt_limited[j]:
+        if stops and model.jnt_limited[j]:
             low, high = model.jnt_range[j] + (model.jnt_margin[j], -model.jnt_margin[j])
             limits = (float(low), float(high)) if len(dofs) == 1 else None
             findings.leave_to_log(name, "limits", f"limit {name}", limits)
     for k, name in enumerate(tendon_names(model)):
-        if model.tendon_frictionloss[k]:
+        if rubs and model.tendon_frictionloss[k]:
             findings.leave_to_log(name, "dry friction", f"friction {name}")
-        if model.tendon_limited[k]:
+        if stops and model.tendon_limited[k]:
             findings.leave_to_log(name, "limits", f"limit {name}")
 
 
 def _contacts(model: Any, findings: Findings) -> None:
-    disabled_contacts = disabled(model, "CONTACT") or disabled(model, "CONSTRAINT")
     colliding = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
-    if not disabled_contacts and (colliding.sum() > 1 or model.npair):
+    if not disabled(model, "CONTACT") and (colliding.sum() > 1 or model.npair):
         what = f"contact of {int(colliding.sum())} geoms"
         findings.leave_to_log("geoms", what, "contact <geom1>:<geom2>")
 
@@ -497,7 +497,7 @@ def read_equalities(model: Any, as_constraints: bool, findings: Findings) -> tup
     """Constraints for connect, weld and joint equalities if wanted; the others go into `findings`."""
     constraints: list[Constraint] = []
     for e, name in enumerate(equality_names(model)):
-        if not model.eq_active0[e]:
+        if not model.eq_active0[e] or disabled(model, "EQUALITY"):
             findings.ignored.append(Remark(name, "equality, not active at the start"))
             continue
         constraint = _constraint(model, e, name)

@@ -47,10 +47,20 @@ def read_passive(model: Any, findings: Findings) -> None:
 
 
 def disabled(model: Any, name: str) -> bool:
-    """Whether an option's flag (``"GRAVITY"``, ``"CONTACT"``, …) switches something off."""
+    """Whether an option's flag (``"GRAVITY"``, ``"CONTACT"``, …) switches something off.
+
+    What MuJoCo's solver of constraints makes, contacts, limits, dry friction and equalities, one flag
+    switches off together.
+    """
     import mujoco
 
-    return bool(int(model.opt.disableflags) & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}")))
+    names = (name, "CONSTRAINT") if name in OF_CONSTRAINTS else (name,)
+    flags = [int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{n}")) for n in names]
+    return any(int(model.opt.disableflags) & flag for flag in flags)
+
+
+OF_CONSTRAINTS = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
+"""Flags of what MuJoCo's solver of constraints makes."""
 
 
 def _polynomial(model: Any, array: str, i: int) -> list[float]:

@@ -526,7 +526,7 @@ def _judged(
             if source.replay and named:
                 return replace(judged, noticed=(*judged.noticed, *findings))
             # A push or a reset is in the replay alone.
-            if _is_explained(judged) and (named or not again.occasional):
+            if _is_explained(judged, again.scaled) and (named or not again.occasional):
                 departs = (
                     [f for f in findings if f.kind == "replay-departs"] if source.replay else []
                 )
@@ -850,13 +850,17 @@ def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
     return inference is not None and (inference.closes or inference.excess <= most)
 
 
-def _is_explained(judged: Judgement) -> bool:
-    """Whether each row follows from the one before, perhaps with causes other than a scale of forces.
+def _is_explained(judged: Judgement, scaled: bool) -> bool:
+    """Whether each row follows from the one before, or but for a millionth beside causes.
 
-    A scale may be that between a policy's output and the controls of the motors.
+    Where controls may be `scaled`, causes other than a scale of forces: one may be between a policy's output
+    and the controls of the motors.
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
-    return _turns_axes(judged) or (_follows(judged.inference) and not scales)
+    inference = judged.inference
+    named = inference and judged.causes and 1.0 - inference.explained <= SMALL_SHARE**2
+    explained = _follows(inference) or bool(named)
+    return _turns_axes(judged) or (explained and not (scaled and scales))
 
 
 def _turns_axes(judged: Judgement) -> bool:

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 
     from deltac.diagnosis.audit.audit import AuditReference
 
-CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
+OF_MUJOCO = ("ctrl", "control", "controls")
+CONTROLS = (*OF_MUJOCO, "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")
 
 REPLAYED_STEPS = 20_000
@@ -56,6 +57,7 @@ class Attempt:
                     it arrived
     with_actuators  the log with the forces of its actuators, where its rows are not reproduced
     occasional      whether some rows are missed by far more than the typical one, as after a push
+    scaled          whether its controls may be a policy's outputs, which are scaled before they act
     """
 
     run: Trajectory | None
@@ -63,6 +65,7 @@ class Attempt:
     departures: Array | None = None
     with_actuators: Trajectory | None = None
     occasional: bool = False
+    scaled: bool = True
 
 
 def replayed(
@@ -115,7 +118,9 @@ def replayed(
                 raise
             return Attempt(None)  # the audit says what is wrong with the log
         if any(f.kind in ("not-replayed", "replay-departs") for f in attempt.findings):
-            return replace(attempt, with_actuators=_with_actuators(program, mechanism, reading))
+            scaled = not (program.nu and _arrays(reading, OF_MUJOCO, program.nu))
+            with_actuators = _with_actuators(program, mechanism, reading)
+            return replace(attempt, with_actuators=with_actuators, scaled=scaled)
         return attempt
 
 

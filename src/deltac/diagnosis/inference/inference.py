@@ -672,21 +672,24 @@ def _built(
 ) -> list[tuple[float, HypothesisComparison]]:
     """Rivals that settle where they are built, each by its own columns, with what they leave to first order.
 
-    Where the rows follow beside one, others are not built that leave much more to first order than it does
-    and squares of their numbers may do; nor several causes beside one that leaves no more than noise.
+    Where the rows follow beside one, others are not built that have as many causes and leave much more to
+    first order than it does and squares of their numbers may do; nor several causes beside one that leaves no
+    more than noise.
     """
-    settled, least, single = list[tuple[float, HypothesisComparison]](), np.inf, False
+    settled, least, single = list[tuple[float, HypothesisComparison]](), dict[int, float](), False
     for left, one in rivals:
         causes = list(zip(one.best.chosen, one.best.theta, strict=True))
         squares = max(c.squares(x) for c, x in causes)
-        if left > least / ROUGHLY + squares or (single and len(causes) > 1):
+        simpler = min((x for k, x in least.items() if k <= len(causes)), default=np.inf)
+        if left > simpler / ROUGHLY + squares or (single and len(causes) > 1):
             continue
         own = _settled(point.narrowed(one), one, True)
         if own is not None and own.posterior.best.chosen:
             settled.append((left, own))
             noise = _nothing_left(own) or own.excess <= 1.0
             single |= noise and len(causes) == 1
-            least = min(least, left) if noise or own.excess <= KNOWN else least
+            if noise or own.excess <= KNOWN:
+                least.setdefault(len(causes), left)
     return settled
 
 

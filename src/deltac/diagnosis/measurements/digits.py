@@ -227,7 +227,8 @@ def white_noise(x: Array) -> Array:
     """Standard deviation of white noise on samples of smooth signals (T, n), of each by its high differences.
 
     Differences of order 2m of white noise have √C(4m, 2m) times its deviation; those of a smooth signal
-    fall from one order to the next. What falls is taken for signal.
+    fall from one order to the next. What falls is taken for signal; what keeps its value from most samples to
+    the next is held, and has no noise.
     """
     if len(x) < 16:
         return np.zeros(x.shape[1])
@@ -237,4 +238,5 @@ def white_noise(x: Array) -> Array:
     sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
     eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
     white = (WHITE_RATIO[0] * sixth < eighth) & (eighth < WHITE_RATIO[1] * sixth)
-    return np.where(white, eighth, 0.0)
+    held = np.mean(x[1:] == x[:-1], axis=0) > 0.5
+    return np.where(white & ~held, eighth, 0.0)

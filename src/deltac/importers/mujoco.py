@@ -339,7 +339,7 @@ def read_mechanism(
     - connect, weld and joint equalities, with ``equality="constraints"``: `loop_spherical`, `loop_weld`,
       `holonomic`
 
-    Not read are the following; a log supplies their forces:
+    Not read are the following; a log supplies their forces, unless the model switches them off:
 
     - actuators, contacts, joint and tendon limits, dry friction, fluid, plugins, elasticity of flexes
     - equalities that are not read as constraints: by default all, else those of tendons and flexes

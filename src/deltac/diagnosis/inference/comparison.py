@@ -199,9 +199,7 @@ def _compared(point: Point, before: Posterior | None) -> HypothesisComparison:
         return comparison
     # All columns explain more than few causes do: these must close the rows, or be found by it alone.
     other = _compared_by(regression(quieter), before)
-    closes = (other.maps and other.excess <= KNOWN) or (
-        other.promising and not (comparison.maps or comparison.promising)
-    )
+    closes = other.maps and other.excess <= KNOWN
     alone = other.posterior.best.chosen and not comparison.posterior.best.chosen
     likelier = not len(point.coefficients) and other.evidence > comparison.evidence + CERTAIN
     return other if closes or alone or likelier else comparison

@@ -594,10 +594,9 @@ def _relinearised(comparison: HypothesisComparison) -> HypothesisComparison:
     rivals = _rivals(comparison)
     if not rivals or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
-    built = _likely_rivals(point, rivals, (comparison.blocks[0].share_left(found.best), found))
-    if not built:
+    equal = _likely_rivals(point, rivals, (comparison.blocks[0].share_left(found.best), found))
+    if not equal:
         return comparison
-    equal = _likeliest(built)
     # Of one cause in fewer and in more numbers the former.
     simplest = {
         tuple(c.what for c in one.posterior.best.chosen): one
@@ -648,9 +647,9 @@ def _zero_instead(comparison: HypothesisComparison, best: Fit) -> Fit | None:
 def _likely_rivals(
     point: Point, rivals: Sequence[tuple[float, Posterior]], found: tuple[float, Posterior]
 ) -> list[HypothesisComparison]:
-    """Rivals where they are built, without those that a sample of the rows excludes, and what was found.
+    """The likeliest of rivals and of what was found, where they are built.
 
-    Of those that all leave nothing in it, one is built in all rows.
+    Not those that a sample of the rows excludes. Of those that all leave nothing in it, one is built in all.
     """
     several = len(rivals) > TOGETHER and len(point.log.intervals) >= 2 * SAMPLE
     few = list[tuple[float, HypothesisComparison]]()
@@ -664,7 +663,7 @@ def _likely_rivals(
     some = [(left, one.posterior) for left, one in few if one in likely] or list(rivals)
     if not any(one.best.alike(found[1].best) for _, one in some):
         some = sorted([*some, found], key=_by_left)
-    return [one for _, one in _built(point, some)]
+    return _likeliest([one for _, one in _built(point, some)])
 
 
 def _built(

@@ -657,11 +657,14 @@ def _likely_rivals(
         with suppress(*NO_MOTION):
             few = _built(point.sampled(SAMPLE), rivals)
     likely = sorted(_likeliest([one for _, one in few]), key=_rank)
-    first = _built(point, [(0.0, one.posterior) for one in likely[:1] if _nothing_left(one)])
-    if first and _nothing_left(first[0][1]):
-        return [first[0][1], *likely[1:]]
+    best = found[1].best
+    if len(best.chosen) > 1 or any(one.posterior.best.alike(best) for one in likely):
+        nothing_left = [(0.0, one.posterior) for one in likely[:1] if _nothing_left(one)]
+        for _, first in _built(point, nothing_left):
+            if _nothing_left(first):
+                return [first, *likely[1:]]
     some = [(left, one.posterior) for left, one in few if one in likely] or list(rivals)
-    if not any(one.best.alike(found[1].best) for _, one in some):
+    if not any(one.best.alike(best) for _, one in some):
         some = sorted([*some, found], key=_by_left)
     return _likeliest([one for _, one in _built(point, some)])
 
@@ -672,21 +675,23 @@ def _built(
     """Rivals that settle where they are built, each by its own columns, with what they leave to first order.
 
     Where the rows follow beside one, others are not built that have as many causes and leave much more to
-    first order than it does and squares of their numbers may do; nor several causes beside one that leaves no
-    more than noise.
+    first order than it does and squares of their numbers may do. Nor are several causes that leave more than
+    one which explains all but noise: they contain none that does the same as it.
     """
-    settled, least, single = list[tuple[float, HypothesisComparison]](), dict[int, float](), False
+    settled, least = list[tuple[float, HypothesisComparison]](), dict[int, float]()
+    single = np.inf
     for left, one in rivals:
         causes = list(zip(one.best.chosen, one.best.theta, strict=True))
         squares = max(c.squares(x) for c, x in causes)
         simpler = min((x for k, x in least.items() if k <= len(causes)), default=np.inf)
-        if left > simpler / ROUGHLY + squares or (single and len(causes) > 1):
+        if left > simpler / ROUGHLY + squares or (len(causes) > 1 and left > single):
             continue
         own = _settled(point.narrowed(one), one, True)
         if own is not None and own.posterior.best.chosen:
             settled.append((left, own))
             noise = _nothing_left(own) or own.excess <= 1.0
-            single |= noise and len(causes) == 1
+            if noise and len(causes) == 1:
+                single = min(single, left)
             if noise or own.excess <= KNOWN:
                 least.setdefault(len(causes), left)
     return settled

@@ -498,7 +498,7 @@ def read_equalities(model: Any, as_constraints: bool, findings: Findings) -> tup
     constraints: list[Constraint] = []
     for e, name in enumerate(equality_names(model)):
         if not model.eq_active0[e] or disabled(model, "EQUALITY"):
-            findings.ignored.append(Remark(name, "equality, not active at the start"))
+            findings.ignored.append(Remark(name, "equality, not active"))
             continue
         constraint = _constraint(model, e, name)
         if constraint is not None and as_constraints:

@@ -99,10 +99,10 @@ def test_what_keeps_a_model_from_reproducing_a_log_is_named() -> None:
     assert cause.size == pytest.approx(2.0 / 2.05, abs=1e-8)
 
 
-def test_random_actions_beside_a_mistake_are_no_noise() -> None:
-    """Each acts for five steps of RK4. What they do is known without a replay that nobody asked for.
+def random_actions() -> tuple[Any, dict[str, Any]]:
+    """An arm of which the joints would stop if the solver of constraints were not switched off, and its log.
 
-    The joints would stop if the solver of constraints were not switched off.
+    Each action acts for five steps of RK4.
     """
     model = mujoco.MjModel.from_xml_string("""
         <mujoco><option integrator="RK4" timestep="0.01"><flag constraint="disable"/></option>
@@ -122,12 +122,29 @@ def test_random_actions_beside_a_mistake_are_no_noise() -> None:
     t, *columns = np.array(rows).T
     q, u, ctrl = (np.column_stack(columns[k : k + 2]) for k in (0, 2, 4))
     assert np.abs(q).max() > np.deg2rad(10.0)
+    return model, {"time": t, "qpos": q, "qvel": u, "ctrl": ctrl}
+
+
+def test_random_actions_beside_a_mistake_are_no_noise() -> None:
+    model, log = random_actions()
     model.dof_armature[1] *= 1.1
-    found = dc.audit(model, {"time": t, "qpos": q, "qvel": u, "ctrl": ctrl})
+    found = dc.audit(model, log)
     assert found.verdict.kind == "equation-error"
     (cause,) = found.causes
     assert (cause.kind, cause.element) == ("armature", "elbow")
     assert cause.values == pytest.approx([1.0], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_gear_is_named_beside_controls_that_are_no_policys_outputs() -> None:
+    """What they do is known without a replay that nobody asked for. Actions may be scaled before they act."""
+    model, log = random_actions()
+    model.actuator_gear[1, 0] = 220.0
+    found = dc.audit(model, log)
+    assert [c.kind for c in found.causes] == ["actuator-gear"]
+    assert found.causes[0].values == pytest.approx([200.0 / 220.0], abs=1e-6)
+    log["action"] = log.pop("ctrl")
+    assert dc.audit(model, log).verdict.kind == "unresolved"
 
 
 @pytest.mark.parametrize("name", ["{}_ctrl", "ctrl.{}", "action_{}"])

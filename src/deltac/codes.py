@@ -33,7 +33,7 @@ FINDINGS: dict[str, str] = {
     "velocity-terms": "centrifugal, Coriolis and gyroscopic terms are missing or have a wrong factor",
     "gravity-term": "gravity in one equation is missing or has a wrong factor",
     "velocity-term": "products of speeds in one equation are missing or have a wrong factor",
-    "gyroscopic-terms": "the gyroscopic terms of a body are missing or have a wrong factor",
+    "gyroscopic-terms": "the gyroscopic terms of one body or of all are missing or have a wrong factor",
     "body-tensor": "the central inertia tensor of a body differs",
     "actuator-gear": "an actuator delivers a multiple or fraction of its logged force",
     "actuator-delay": "an actuator's force acted later than logged",

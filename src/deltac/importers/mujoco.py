@@ -288,19 +288,19 @@ def report_unmodelled(model: Any, findings: Findings) -> None:
 
 
 def _of_joints_and_tendons(model: Any, findings: Findings) -> None:
-    rubs, stops = (not disabled(model, what) for what in ("FRICTIONLOSS", "LIMIT"))
+    has_friction, has_limits = (not disabled(model, what) for what in ("FRICTIONLOSS", "LIMIT"))
     for j, name in enumerate(joint_names(model)):
         dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
-        if rubs and np.asarray(model.dof_frictionloss)[dofs].any():
+        if has_friction and np.asarray(model.dof_frictionloss)[dofs].any():
             findings.leave_to_log(name, "dry friction", f"friction {name}")
-        if stops and model.jnt_limited[j]:
+        if has_limits and model.jnt_limited[j]:
             low, high = model.jnt_range[j] + (model.jnt_margin[j], -model.jnt_margin[j])
             limits = (float(low), float(high)) if len(dofs) == 1 else None
             findings.leave_to_log(name, "limits", f"limit {name}", limits)
     for k, name in enumerate(tendon_names(model)):
-        if rubs and model.tendon_frictionloss[k]:
+        if has_friction and model.tendon_frictionloss[k]:
             findings.leave_to_log(name, "dry friction", f"friction {name}")
-        if stops and model.tendon_limited[k]:
+        if has_limits and model.tendon_limited[k]:
             findings.leave_to_log(name, "limits", f"limit {name}")
 
 

@@ -49,8 +49,8 @@ def read_passive(model: Any, findings: Findings) -> None:
 def disabled(model: Any, name: str) -> bool:
     """Whether an option's flag (``"GRAVITY"``, ``"CONTACT"``, …) switches something off.
 
-    What MuJoCo's solver of constraints makes, contacts, limits, dry friction and equalities, one flag
-    switches off together.
+    One flag switches off all that MuJoCo's constraint solver makes: contacts, limits, dry friction and
+    equalities.
     """
     import mujoco
 
@@ -60,7 +60,7 @@ def disabled(model: Any, name: str) -> bool:
 
 
 OF_CONSTRAINTS = ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY")
-"""Flags of what MuJoCo's solver of constraints makes."""
+"""Flags of what MuJoCo's constraint solver makes."""
 
 
 def _polynomial(model: Any, array: str, i: int) -> list[float]:

@@ -851,10 +851,10 @@ def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
 
 
 def _is_explained(judged: Judgement, scaled: bool) -> bool:
-    """Whether each row follows from the one before, or but for a millionth beside causes.
+    """Whether each row follows from the one before, or causes explain all but a millionth.
 
-    Where controls may be `scaled`, causes other than a scale of forces: one may be between a policy's output
-    and the controls of the motors.
+    Where the controls may be a policy's outputs, which are `scaled` before they act, a gear or a scale of all
+    masses explains nothing.
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
     inference = judged.inference

@@ -300,7 +300,7 @@ class _FilteredRows:
         return np.stack(states, axis=-1), np.stack(forces, axis=-1)
 
     def again(self, fit: _Fit) -> _Fit:
-        """A fit after steps of Gauss and Newton that are ten times better each, by few kinds of steps.
+        """A fit after as many Gauss–Newton steps as leave a tenth each, by few kinds of steps.
 
         Rotations and long delays are not linear in the numbers of a filter.
         """
@@ -309,7 +309,7 @@ class _FilteredRows:
         return fit
 
     def settled(self, fit: _Fit) -> _Fit:
-        """A fit whose numbers have settled, by the likeliest of its kinds of steps if it is a low-pass.
+        """A fit whose numbers have settled; where it is a low-pass, by the likeliest of its kinds of steps.
 
         Raises as `improved`.
         """
@@ -409,7 +409,7 @@ class _Departures:
         return each
 
     def alike(self, least: float) -> dict[Step, list[Step]]:
-        """Kinds of steps of which rows differ by `least`, each with those of which they differ by less."""
+        """Kinds of steps in groups, by their first: within a group rows differ by less than `least`."""
         if least not in self._alike:
             kinds = dict[Step, list[Step]]()
             for step, (w, _) in self.each.items():
@@ -424,7 +424,7 @@ class _Departures:
         return {}
 
     def _typical(self, w: Array) -> Array:
-        """What prediction errors (…, N, 2n) are in most intervals: blows are of a few."""
+        """Typical size (…) of prediction errors (…, N, 2n), by the median interval: impacts are in few."""
         squares = np.mean((w / self.rows.unit) ** 2, axis=-1)
         return np.asarray(np.sqrt(np.median(squares, axis=-1)))
 
@@ -487,9 +487,9 @@ class _Departures:
     def beside(
         self, change: Array, of_forces: Array, least: float
     ) -> list[tuple[float, Array, list[Step]]]:
-        """What kinds of steps leave beside such changes and causes, with the numbers of the former.
+        """What each group of kinds of steps leaves beside such changes and causes, the best first.
 
-        The best first; those that are alike to `least` together.
+        With the numbers of the changes and the kinds in the group; `least` as of `alike`.
         """
         fits, of_causes = list[tuple[float, Array, list[Step]]](), self._of_causes
         for step, others in self.alike(least).items():

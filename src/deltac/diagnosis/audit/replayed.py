@@ -240,7 +240,10 @@ def _stepped(
     ):
         arrays = arrays if width else [np.zeros((len(run), 0))]
         if len(arrays) != 1 or len(arrays[0]) != len(run):
-            shapes = listed([str(x.shape) for x in arrays]) or "none"
+            named = [c for c in _free(reading) if c.split("[")[0] in names]
+            shapes = (
+                listed([str(x.shape) for x in arrays] or [f"column {c!r}" for c in named]) or "none"
+            )
             each = _of_actuators(reading, program) if names is CONTROLS else {}
             if any(each.values()):  # a column for each actuator
                 shapes = listed(f"{c or 'none'} of actuator {n!r}" for n, c in each.items())

@@ -385,9 +385,9 @@ class Candidate:
         return np.asarray(coefficients)
 
     def squares(self, theta: Array) -> float:
-        """Share of what it does that squares of its numbers do, about; none where it is linear in them.
+        """Share of its effect that is of second order in its numbers, roughly; 0 where it is linear in them.
 
-        That is their size beside the lengths or angles, or the values of the model, which they change.
+        It is their size relative to the lengths, angles or values of the model that they change.
         """
         if self.edit is None and self.quadratic is None:
             return 0.0

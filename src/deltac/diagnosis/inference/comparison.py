@@ -230,7 +230,7 @@ def _compared_by(at: Regression, before: Posterior | None) -> HypothesisComparis
                 # Causes must be likelier than a method without any, beside whichever integrator they are.
                 other = Posterior(nothing(len(point.coefficients)), (), other.scores)
                 doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
-                # One that leaves a thousand times the noise that causes leave is none.
+                # Where causes leave noise, a method that leaves a thousand times as much is no alternative.
                 left = series.misfit(posterior.best.coefficients)
                 doubt &= left > KNOWN * series.count or SMALL_SHARE * rows.start < left
                 gain = np.inf if posterior.best.chosen and doubt else gain

@@ -632,8 +632,8 @@ def search(
     Miller, Subset Selection in Regression, 2002, ch. 3).
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
     one of less than `negligible` only if it leaves next to nothing (`SMALL_SHARE`) of what was left before.
-    `most` are found together, each with a share of `beside` of the largest at least, and no more once these
-    leave a share that is `enough`; `pairs`: mass and mass centre of a body at once.
+    `most` are found together, each with a share of `beside` of the largest at least; the search stops where
+    they leave a share `enough` of the sum of squares. `pairs`: mass and mass centre of a body at once.
     """
     best, near = start or nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
+from typing import TypeAlias
 
 import numpy as np
 
@@ -644,12 +645,17 @@ def _zero_instead(comparison: HypothesisComparison, best: Fit) -> Fit | None:
     return None
 
 
-def _likely_rivals(
-    point: Point, rivals: Sequence[tuple[float, Posterior]], found: tuple[float, Posterior]
-) -> list[HypothesisComparison]:
-    """The likeliest of rivals and of what was found, where they are built.
+Rival: TypeAlias = tuple[float, Posterior]
+"""Share of the amplitude that causes leave to first order, and the causes."""
 
-    Not those that a sample of the rows excludes. Of those that all leave nothing in it, one is built in all.
+
+def _likely_rivals(
+    point: Point, rivals: Sequence[Rival], found: Rival
+) -> list[HypothesisComparison]:
+    """The likeliest of the rivals and of what was found, where they are built.
+
+    Most rivals are excluded by a sample of the rows. Where all that remain leave nothing in the sample, only
+    the first of them is built in all rows.
     """
     several = len(rivals) > TOGETHER and len(point.log.intervals) >= 2 * SAMPLE
     few = list[tuple[float, HypothesisComparison]]()
@@ -669,14 +675,12 @@ def _likely_rivals(
     return _likeliest([one for _, one in _built(point, some)])
 
 
-def _built(
-    point: Point, rivals: Sequence[tuple[float, Posterior]]
-) -> list[tuple[float, HypothesisComparison]]:
+def _built(point: Point, rivals: Sequence[Rival]) -> list[tuple[float, HypothesisComparison]]:
     """Rivals that settle where they are built, each by its own columns, with what they leave to first order.
 
-    Where the rows follow beside one, others are not built that have as many causes and leave much more to
-    first order than it does and squares of their numbers may do. Nor are several causes that leave more than
-    one which explains all but noise: they contain none that does the same as it.
+    Once the rows follow beside a rival, those of as many causes are left out that leave much more to first
+    order than it did, and more than squares of their numbers could. So are several causes that leave more
+    than a single one which explains all but noise: none of them does the same as that.
     """
     settled, least = list[tuple[float, HypothesisComparison]](), dict[int, float]()
     single = np.inf
@@ -836,7 +840,7 @@ def _linearised(
     return moved if len(best.each) == len(best.chosen) else None
 
 
-def _rivals(comparison: HypothesisComparison) -> list[tuple[float, Posterior]]:
+def _rivals(comparison: HypothesisComparison) -> list[Rival]:
     """Causes that explain most of what is left to first order, of each the likeliest in so many numbers.
 
     Those of the geometry, and mistakes that were made several times; with the share of the amplitude that
@@ -847,7 +851,7 @@ def _rivals(comparison: HypothesisComparison) -> list[tuple[float, Posterior]]:
     if point.model.n == len(point.model.mechanism.free.u) and not _nothing_left(comparison):
         at = regression(point.with_measured_columns())
         ways.append((at, at.series))
-    rivals = dict[tuple[object, ...], tuple[float, Posterior]]()
+    rivals = dict[tuple[object, ...], Rival]()
 
     def add(own: Block, fit: Fit, *what: object) -> None:
         share = own.share_left(fit)
@@ -866,8 +870,8 @@ def _rivals(comparison: HypothesisComparison) -> list[tuple[float, Posterior]]:
     return sorted(rivals.values(), key=_by_left)
 
 
-def _by_left(rival: tuple[float, Posterior]) -> float:
-    """Order of rivals by what they leave to first order: several causes must leave less than one."""
+def _by_left(rival: Rival) -> float:
+    """Sort key of rivals, by what they leave to first order: a cause more has to leave less."""
     return rival[0] * len(rival[1].best.chosen)
 
 

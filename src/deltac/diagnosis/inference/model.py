@@ -273,7 +273,7 @@ class LogModel:
         return own + self.change.damping(t, q, u, F)
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
-        """q̇ (T, nq) of the free coordinates."""
+        """q̇ (T, nq) of the free coordinates: their speeds, but for quaternions."""
         if len(self.rates) < q.shape[1]:
             return self._expressions.qdot(t, q, u)[0]
         qdot, (of_q, of_u) = np.empty_like(q), self.rates.T

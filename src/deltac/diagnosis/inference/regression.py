@@ -335,7 +335,7 @@ def searched(
     enough: float = 0.0,
     start: Fit | None = None,
 ) -> Posterior:
-    """The posterior of causes by a block of equations, of no more once a share is left that is `enough`.
+    """The posterior of causes by a block of equations; the search stops where they leave a share `enough`.
 
     Or that of causes found before, fitted anew; or of further causes beside those of a `start`.
     """

@@ -113,6 +113,7 @@ FINDINGS: dict[str, str] = {
     "jump": "the state jumps from one row to the next, as where an episode begins anew",
     "spikes": "single values lie far from their neighbours",
     "small-but-real": "a mistake within the tolerance, but far beyond its error bar",
+    "held-forces": "the balance holds if forces were held over each step, which the rows do not tell",
     "work-unresolved": "the samples are too far apart to resolve the work of some channels",
     "quaternion-order": "quaternions are scalar last (xyzw), not scalar first (wxyz)",
     "quaternion-conjugate": "quaternions are conjugated",

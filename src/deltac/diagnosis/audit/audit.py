@@ -731,7 +731,7 @@ def _in_joules(
     mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
     function = function_of(log.ledger)
     in_loop = log.ledger.method == "in-loop" and bool(log.run.integrals or log.run.works)
-    log = _with_held_forces(reference, log, inference)
+    log = _as_stepped(reference, log, inference)
     run, ledger = log.run, log.ledger
     attribution = None
     if inference is not None and not unattributable(findings):
@@ -1022,13 +1022,30 @@ def _pooled(share: Share, balance: Share) -> Share:
     return min(balance, share, key=lambda one: one.error)
 
 
-def _with_held_forces(reference: AuditReference, log: Log, inference: Inference | None) -> Log:
-    """The log with works and impulses of forces that were held over each step, known without quadrature."""
+def _as_stepped(reference: AuditReference, log: Log, inference: Inference | None) -> Log:
+    """The log with what its steps tell: speeds that it lacks, works of forces held over each."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:
         return log
-    held = _held_between_rows(inference, run)
-    return log if held is None else replace(log, ledger=balance(reference.mechanism, held))
+    run = _with_speeds(inference, run)
+    stepped = _held_between_rows(inference, run) or run
+    if stepped is log.run:
+        return log
+    return replace(log, run=run, ledger=balance(reference.mechanism, stepped))
+
+
+def _with_speeds(inference: Inference, run: Trajectory) -> Trajectory:
+    """The run with the speeds by which a known method makes its coordinates, where it has none of its own."""
+    model, at = inference.model, inference.log.intervals
+    if not inference.speeds_known or model.n < len(run.speeds) or len(at.h) != len(run) - 1:
+        return run
+    u = np.array(run.u)
+    u[:, model.of_u] = np.concatenate([at.start.u[:1], at.end.u])
+    error = np.zeros(len(run.speeds))
+    error[model.of_u] = inference.log.noise_of_steps[:, model.n :].max(axis=0)
+    errors = dict(zip(run.speeds, error.tolist(), strict=True))
+    derived = {**run.provenance.derived, "u": errors}
+    return replace(run, u=u, provenance=replace(run.provenance, derived=derived))
 
 
 def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | None:

@@ -91,6 +91,13 @@ class Reading:
     forces: Callable[[Forces], Forces] = lambda forces: forces
     weight: Weight = "doubt"
 
+    def changes(self, run: Trajectory) -> NDArray[np.intp]:
+        """Speeds of a log that are read otherwise, or have coordinates that are; none for forces alone."""
+        speeds = _rates(run)[:, 1]
+        same = np.eye(len(speeds))
+        matrix = same if self.matrix is None else self.matrix
+        return speeds[(matrix != same).any(axis=1) | (np.zeros(len(speeds)) != self.offset)]
+
     def of(self, run: Trajectory) -> Trajectory:
         """The log, read so; its integrals are not."""
         places = _rates(run)
@@ -216,7 +223,9 @@ class Conventions:
             return []
         readings = [*_units(mechanism, self.run), *_orders_and_signs(mechanism, self.run)]
         model = LogModel(mechanism, part)
-        left = np.array([_left(model, reading.of(part), self.alone) for reading in readings])
+        left = np.array(
+            [_left(model, reading.of(part), self.alone, reading.changes(part)) for reading in readings]
+        )
         # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
         doubts = np.array([reading.weight == "doubt" for reading in readings])
         order = [
@@ -307,10 +316,13 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
     )
 
 
-def _left(model: LogModel, run: Trajectory, inference: Inference) -> float:
+def _left(
+    model: LogModel, run: Trajectory, inference: Inference, speeds: NDArray[np.intp] | None = None
+) -> float:
     """What the equations leave of the accelerations, in the mass metric: by a step from row to row.
 
-    Forces act as in the inference.
+    Forces act as in the inference. At least what they leave of those of some `speeds`: where these are read
+    as small, others are all that is seen.
     """
     h = np.diff(run.t)
     next_to = np.flatnonzero(h < 1.5 * np.median(h))
@@ -332,6 +344,10 @@ def _left(model: LogModel, run: Trajectory, inference: Inference) -> float:
         M = model.matrices(start.t, start.q)[0]
         changes = ((end.u - u) / h, (end.u - start.u) / h, (u - start.u) / h)
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in changes]
+        some = np.isin(model.of_u, [] if speeds is None else speeds)
+        inertia = np.einsum("tii->ti", M)[:, some]
+        own = [np.sqrt(np.sum(inertia * x[:, some] ** 2)) for x in changes]
+        sizes = max((sizes, own), key=lambda x: x[0] / (x[1] + x[2] + 1e-300))
     share = float(sizes[0] / (sizes[1] + sizes[2] + 1e-300))
     return share if np.isfinite(share) else np.inf
 

@@ -477,7 +477,7 @@ class Judgement:
         untested = self.inference is None and self.kind != "unresolved"
         small = any(f.kind == "small-but-real" for f in findings)
         guessed = bool(self.run.provenance.guessed)
-        unseen = any(f.kind == "work-unresolved" for f in findings)  # forces between the rows
+        unseen = any(f.kind in ("work-unresolved", "held-forces") for f in findings)
         if (guessed or untested or small or unseen) and confidence == "high":
             confidence = "medium"
         return Verdict(self.kind, confidence, tuple(_evidence(self)), findings)
@@ -528,6 +528,8 @@ def _findings(e: Judgement) -> tuple[Finding, ...]:
         own.append(_unnamed(e))
     if kind == "unresolved":
         own.insert(0, _undecided(e))
+    elif kind == "consistent" and e.inference is not None and e.inference.between > e.allowed:
+        own.append(_held_forces(e, e.inference.between))
     weights = list(HEADINGS)
     everything = [*own, *e.noticed]
     return tuple(
@@ -582,6 +584,17 @@ def _small(e: Judgement, cause: Finding) -> Finding:
         f"{joules:.3g} J" + (f"; log odds {max(each):.3g}" if each else ""),
         "See the notes for its cause; strict=True makes it count",
         element=cause.element,
+    )
+
+
+def _held_forces(e: Judgement, between: float) -> Finding:
+    return Finding(
+        "held-forces",
+        "the balance holds for forces that were held over each step, as controllers do",
+        f"if they are functions of time, the integrator's joules are known to ± {between:.2g} J; "
+        f"{e.allowed:.2g} J are allowed",
+        "Say which were: held=(…) of the log's provenance, empty for functions of time",
+        factor=between / max(e.allowed, 1e-300),
     )
 
 
@@ -786,6 +799,13 @@ def _undecided(e: Judgement) -> Finding:
             "Log more of the motion, or with more digits; or give another tolerance",
         )
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
+    if "u" in e.run.provenance.derived and e.energy_error[1] > e.allowed:
+        return finding(
+            "speeds decide, which the log lacks: methods of other speeds make the same coordinates",
+            f"ΔC is known to ± {e.energy_error[1]:.2g} J; {e.allowed:.2g} J are allowed",
+            "Log the speeds",
+            factor=e.energy_error[1] / max(e.allowed, 1e-300),
+        )
     if inference.between > 0.5 * bar:
         return finding(
             "whether logged forces were held over each step decides, and the rows do not tell",

@@ -17,7 +17,7 @@ from deltac.arrays import SIX_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.comparison import HypothesisComparison
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, PRIOR
-from deltac.diagnosis.inference.forces import InterpolatedForces
+from deltac.diagnosis.inference.forces import HELD, InterpolatedForces
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     SIGNIFICANT,
@@ -248,7 +248,8 @@ def attributed(
     # What states depart by, with forces that were filtered, and what causes work until then.
     departures = point.flow.w + model.difference(point.as_logged.end, point.nominal.end)
     jump = at.work(departures) + point.work_of_causes[0]
-    of_rows = np.einsum("km,km->k", at.gradient**2, log.noise[1] ** 2)
+    of_ends = log.noise_of_steps if comparison.speeds_known else log.noise[1]
+    of_rows = np.einsum("km,km->k", at.gradient**2, of_ends**2)
     rows = np.sqrt(of_rows + of_rows[0])
     Q = noise.own * max(comparison.excess, 1.0) + noise.doubt
     unknown = np.einsum("km,kmn,kn->k", at.gradient, Q, at.gradient)
@@ -607,7 +608,7 @@ def intermittent_force(
     possible, lost, acts = np.zeros(len(residual)), list[Array](), forces.logged.first != 0.0
     comes_and_goes = acts.any(axis=0) & ~acts.all(axis=0)
     for k, response in enumerate(point.flow.force_responses):
-        free = thinned | (not forces.declared[k])
+        free = thinned | (forces.declared[k] not in HELD)
         moved = response * h * forces.logged.change[:, k : k + 1]
         possible += free * np.abs(speeds * moved).sum(axis=1)
         if comes_and_goes[k]:

@@ -102,6 +102,18 @@ class HypothesisComparison:
         return bool(self.maps) and rss <= self.rows.count
 
     @property
+    def speeds_known(self) -> bool:
+        """Whether one method alone makes the coordinates, and so the speeds that the log lacks.
+
+        With forces at the start of a step, semi-implicit Euler makes them as its adjoint does with those at
+        the end, by the speeds of the next row.
+        """
+        point = self.point
+        if not self.maps or not point.log.unknown.any():
+            return False
+        return len(point.states) == 1 and (self.methods[0].order > 1 or not point.forces.kinds)
+
+    @property
     def accuses(self) -> bool:
         """Whether causes are of the equations, and not of the log alone."""
         return any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
@@ -329,19 +341,24 @@ def _at_likeliest_states(comparison: HypothesisComparison) -> Point:
 
     # Each method has states of its own, at which it closes the rows or does not.
     own, methods = [(of, point.log) for of in flow.maps if of.method is not EXACT], None
+    before = np.full(len(own), np.inf)
     for _ in range(2 * SMOOTHINGS if own else 0):
         logs = states([point.errors(of.end, Phi, log) for of, log in own])
         own = [moved(of, log) for (of, _), log in zip(own, logs, strict=True)]
         pairs, methods = own, closest(at, own)
         if methods is not None:
             digits = max(point.log.rounding * rows.r.size, methods.floor)
-            near = methods.floors <= FAR * digits
+            # One that was begun at the states of another takes longer.
+            near = (methods.floors <= FAR * digits) | (methods.floors <= SMALL_SHARE * before)
             own = [pair for pair, close in zip(own, near, strict=True) if close]
+            before = methods.floors[near]
     if methods is not None and methods.may_close(rows, best):
         # The last step that each took is of its own size: what is below the digits is alike.
         low = min(digits, FAR * methods.floor)
         likely = [pair for pair, x in zip(pairs, methods.floors, strict=True) if x <= low]
-        return replace(point, log=likely[0][1], states=tuple(likely))
+        near = methods.floors <= FAR * methods.floor
+        siblings = tuple(of.method for (of, _), close in zip(pairs, near, strict=True) if close)
+        return replace(point, log=likely[0][1], states=tuple(likely), siblings=siblings)
     w = point.errors(flow.end, Phi)
     if comparison.maps:
         return replace(point, log=states([w - comparison.defects[0]])[0])

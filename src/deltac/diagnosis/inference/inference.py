@@ -1009,6 +1009,7 @@ def inferred(
         intermittent=(odds, active),
         disputed=float(np.abs(disputed).max()),
         unseen=unseen,
+        speeds_known=comparison.speeds_known,
         between=between,
         lost=bool(point.lost.any()) and any(kind != "start" for kind in point.forces.kinds),
         scattered=scattered,

@@ -48,6 +48,7 @@ from deltac.diagnosis.inference.flow import (
 )
 from deltac.diagnosis.inference.forces import (
     FORCES,
+    HELD,
     InterpolatedForces,
     LoggedForce,
     impulse,
@@ -601,6 +602,7 @@ class Point:
     coefficients  of the columns (P,) of causes that are in the plant, or in a filter of the forces
     accelerations equations by known accelerations and their posterior, if these were compared
     states        methods that close coordinates alone alike, each with the log at its own states
+    siblings      methods that may do so beside causes
     """
 
     model: LogModel
@@ -618,6 +620,7 @@ class Point:
     some: Elements = None
     accelerations: tuple[Block, Posterior] | None = None
     states: tuple[tuple[Map, Observations], ...] = ()
+    siblings: tuple[Integrator, ...] = ()
 
     # --- what it consists of ---
 
@@ -688,8 +691,9 @@ class Point:
 
     @property
     def forces_known(self) -> bool:
-        """Whether the log says how its forces act between the rows, or has none."""
-        return all(self.forces.declared) or bool(self.log.intervals.stages)
+        """Whether the log tells what its forces do between the rows, or has none."""
+        held = all(kind in HELD for kind in self.forces.declared)
+        return held or bool(self.log.intervals.stages)
 
     @property
     def accelerations_known(self) -> bool:
@@ -732,7 +736,7 @@ class Point:
 
     def among(self, methods: tuple[Integrator, ...]) -> Point:
         """The same where the rows are of one of some methods."""
-        flow = replace(self.flow, methods=methods)
+        flow = replace(self.flow, methods=tuple(dict.fromkeys((*methods, *self.siblings))))
         flow.__dict__.update(prediction=self.flow.prediction)
         return replace(self, flow=flow)
 
@@ -899,8 +903,9 @@ def flow_of(model: LogModel, run: Trajectory, log: Observations) -> Flow:
     # Forces that were held over each of several steps between rows are not those of the rows.
     several = bool(logged.counts.max() > 1)
     held = set() if several else set(map(str, run.provenance.held or ()))
+    other = "smooth" if run.provenance.held == () else ""  # all are functions of time
     names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
-    declared = tuple("start" if name in held else "" for name in names)
+    declared = tuple("start" if name in held else other for name in names)
     kinds = tuple(kind or "smooth" for kind in declared)
     forces = InterpolatedForces(logged, kinds, declared)
     return Flow(model, intervals, forces, log.noise[1], log.counts)

@@ -62,6 +62,14 @@ class Observations:
             return np.asarray(np.minimum(self.step, h))
         return np.asarray(h / self.counts[:, None])
 
+    @property
+    def noise_of_steps(self) -> Array:
+        """Noise (N, 2n) of the rows at the ends where known steps make them: two coordinates make a speed."""
+        own = self.noise[1]
+        of_q = own[:, : own.shape[1] // 2]
+        made = np.concatenate([of_q, np.sqrt(2.0) * of_q / self.intervals.h], axis=1)
+        return np.where(self.unknown, made, own)
+
     def errors(self, model: LogModel, end: Rows, Phi: Array) -> Array:
         """Prediction errors (N, 2n) by the ends of a flow, or of a method's map, with its derivatives Φ.
 

@@ -302,8 +302,7 @@ def _between_rows(point: Point) -> Array:
     bend, gap = (logged.bends[0] - logged.bends[1]) / 12.0, logged.gap
     other = {"ramp": (bend, gap), "smooth": (gap,), "step": (gap,)}
     columns = [np.zeros((len(h), 2 * point.model.n, 0))]
-    each = list(zip(forces.kinds, forces.declared, strict=True))
-    doubted = [k for k, (kind, declared) in enumerate(each) if kind in other and not declared]
+    doubted = [k for k, kind in enumerate(forces.kinds) if kind in other]
     for k, response in enumerate(point.flow.force_responses if doubted else ()):
         for size in other[forces.kinds[k]] if k in doubted else ():
             if np.any(size[:, k]):

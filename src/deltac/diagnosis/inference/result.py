@@ -143,6 +143,7 @@ class Inference:
             by its name.
         lost: whether forces between rows are not in the log.
         scattered: whether most of what the rows depart by is of no force: errors of steps of many sizes.
+        speeds_known: whether the steps of a method make the speeds, which the log lacks.
         between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
@@ -177,6 +178,7 @@ class Inference:
     intermittent: tuple[float, NDArray[np.bool_]]
     disputed: float
     unseen: dict[str, float]
+    speeds_known: bool
     between: float
     lost: bool
     scattered: bool

@@ -19,6 +19,7 @@ from scipy.signal import butter, filtfilt, lfilter, savgol_filter
 
 import deltac as dc
 from deltac.arrays import Array
+from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.inference.comparison import compared
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, nothing
@@ -26,6 +27,7 @@ from deltac.diagnosis.inference.inference import inferred
 from deltac.diagnosis.inference.linearisation import start
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
 from deltac.diagnosis.inference.observations import observations
+from deltac.diagnosis.inference.regression import regression
 from tests.support.slow import crossed, repeated
 
 pytestmark = pytest.mark.case_study
@@ -563,6 +565,135 @@ def test_a_method_with_held_torques_is_no_likelier_than_the_exact_motion(kind: s
     share, curve = inferred(comparison).attribution.integrator, true_joules(x, torques)
     assert comparison.maps
     assert abs(share.energy - (curve[999] - curve[1])) < 2.0 * share.error
+
+
+def test_what_a_mistake_does_beside_torques_that_jump_from_step_to_step() -> None:
+    """Of a rotor: the difference of one step of RK4 with and without it, by hand."""
+    rng, small = np.random.default_rng(2), 1e-6
+    x, torques = np.zeros((301, 2)), 20.0 * rng.standard_normal(301)
+    x[0] = 0.7, 0.0
+    moved = np.zeros((300, 2))
+    for k in range(300):
+        q, u = float(x[k, 0]), float(x[k, 1])
+        x[k + 1] = rk4(q, u, float(torques[k]))
+        moved[k] = rk4_of(INERTIA + small, q, u, float(torques[k])) - x[k + 1]
+    run = log(x, torques, np.arange(301), held=("actuator motor",), step=H)
+    model = LogModel(MECHANISM, run)
+    rows = observations(model, run, len(run))
+    assert rows is not None
+    equations = LogEquations(MECHANISM, run)
+    point = start(model, run, rows).with_candidates(equations, column_kernels(equations))
+    point = point.with_columns()
+    rotor = next(c for c in point.candidates if c.kind == "missing-rotor-inertia")
+    own = next(of for of in point.flow.maps if of.method.name == "rk4")
+    told = regression(point).moved_in(own)[:, :, list(rotor.columns)] @ rotor.linear[:, 0]
+    # To first order in the rotor's share of the inertia, and Simpson's rule in h c/I = 6e-4.
+    assert told * small == pytest.approx(moved, rel=1e-3, abs=1e-3 * np.abs(moved).max())
+
+
+def rk4_of(inertia: float, q: float, u: float, torque: float) -> Array:
+    """`rk4` of another inertia."""
+
+    def rate(x: Array) -> Array:
+        return np.array([x[1], acceleration(x[0], x[1], torque) * INERTIA / inertia])
+
+    x = np.array([q, u])
+    k1 = rate(x)
+    k2 = rate(x + H / 2 * k1)
+    k3 = rate(x + H / 2 * k2)
+    return np.asarray(x + H / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + H * k3)))
+
+
+@pytest.mark.parametrize("held", [None, ("actuator motor",), ()])
+def test_a_balance_that_rests_on_held_torques_says_so(held: tuple[str, ...] | None) -> None:
+    """Semi-implicit Euler asks for the torque once a step, whether that is held or a function of time."""
+    h, n = 1e-3, 4000
+    t = h * np.arange(n + 1)
+    torques, x = 6.0 * np.sin(11.0 * t), np.zeros((n + 1, 2))
+    x[0] = 0.7, 0.0
+    joules = {"held": 0.0, "function": 0.0}
+    for k in range(n):
+        u = x[k, 1] + h * acceleration(x[k, 0], x[k, 1], torques[k])
+        x[k + 1] = x[k, 0] + h * u, u
+        for way in joules:
+            end = solve_ivp(
+                lambda s, y, k=k, way=way: [
+                    y[1],
+                    acceleration(y[0], y[1], torques[k] if way == "held" else 6.0 * np.sin(11.0 * s)),
+                ],
+                (t[k], t[k + 1]), x[k], "DOP853", rtol=1e-10, atol=1e-12,
+            )  # fmt: skip
+            joules[way] += energy(x[k + 1]) - energy(end.y[:, -1])
+    run = dc.Trajectory(
+        t=t, q=x[:, :1], u=x[:, 1:], coordinates=("j",), speeds=("j",),
+        forces={"actuator motor": torques[:, None]}, provenance=dc.Provenance("hand", held=held),
+    )  # fmt: skip
+    audit = dc.audit(MECHANISM, run)
+    assert audit.attribution is not None
+    share = audit.attribution.integrator
+    true = joules["function" if held == () else "held"]
+    assert share.energy == pytest.approx(true, abs=2.0 * share.error)
+    kinds = [f.kind for f in audit.verdict.findings]
+    assert ("held-forces" in kinds) == (held is None)
+    if held is None:  # the bar covers the other way
+        assert abs(joules["function"] - share.energy) < 2.0 * share.error
+        assert (audit.verdict.kind, audit.verdict.confidence) == ("consistent", "medium")
+    else:
+        kind = "consistent" if held else "integration-error"
+        assert (audit.verdict.kind, audit.verdict.confidence) == (kind, "high")
+        assert share.error < 0.01 * abs(joules["function"])
+
+
+def energy(x: Array, g: float = G) -> float:
+    """Of the pendulum, J."""
+    return float(0.5 * INERTIA * x[1] ** 2 - g * LENGTH * np.cos(x[0]))
+
+
+def position_verlet(x: Array, h: float) -> Array:
+    q = x[0] + 0.5 * h * x[1]
+    u = x[1] + h * acceleration(q, 0.0, 0.0)
+    return np.array([q + 0.5 * h * u, u])
+
+
+def test_speeds_that_a_log_lacks_are_those_of_the_one_method_that_makes_its_rows() -> None:
+    """ΔC of a log of coordinates alone is that of the states which the method had."""
+    h, x = 8e-3, np.zeros((601, 2))
+    x[0] = 1.2, 0.4
+    for k in range(600):
+        x[k + 1] = position_verlet(x[k], h)
+    model = replace(MECHANISM, joints=[replace(MECHANISM.joints[0], damping=0.0)])
+    audit = dc.audit(model, {"time": h * np.arange(601), "q.j": x[:, 0]})
+    assert audit.integrator is not None and audit.integrator.names == ("position-verlet",)
+    true = np.array([energy(y) - energy(x[0]) for y in x])
+    # Rounding of angles of 1 rad over steps of 8 ms, at 7 N·m.
+    assert audit.ledger.delta_c["wang"] == pytest.approx(true, abs=1e-9)
+    assert audit.attribution is not None
+    assert audit.attribution.integrator.energy == pytest.approx(true[-1], abs=1e-9)
+    assert audit.ledger.error_bar["wang"].max() < 1e-6
+
+
+def test_of_two_methods_that_make_the_same_coordinates_neither_has_all_joules() -> None:
+    """Semi-implicit Euler, and its adjoint by the speeds of the rows before, beside a wrong weight."""
+    h, n = 8e-3, 1200
+    x = np.zeros((n + 1, 2))
+    x[0] = 1.2, 0.4
+    for k in range(n):
+        u = x[k, 1] + h * acceleration(x[k, 0], x[k, 1], 0.0)
+        x[k + 1] = x[k, 0] + h * u, u
+    wrong = replace(MECHANISM, gravity=(0, -1.5 * G, 0))
+    audit = dc.audit(wrong, {"time": h * np.arange(n + 1), "q.j": x[:, 0]})
+    assert [c.kind for c in audit.causes] == ["gravity"] and audit.attribution is not None
+    share = audit.attribution.integrator
+    # Joules are those of the model's energy; by the adjoint, speeds are those of the next rows.
+    for rows in (x[:-1], np.column_stack([x[:-1, 0], x[1:, 1]])):
+        joules = 0.0
+        for y, after in zip(rows[:-1], rows[1:], strict=True):
+            end = solve_ivp(
+                lambda _, y: [y[1], acceleration(y[0], y[1], 0.0)],
+                (0.0, h), y, "DOP853", rtol=1e-9, atol=1e-12,
+            )  # fmt: skip
+            joules += energy(after, 1.5 * G) - energy(end.y[:, -1], 1.5 * G)
+        assert abs(share.energy - joules) < 2.0 * share.error
 
 
 def implicit_euler(tolerance: float) -> Step:

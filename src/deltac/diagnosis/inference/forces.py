@@ -264,6 +264,13 @@ class InterpolatedForces:
         return tuple((gap > ROUGHLY**2 * bend).tolist())
 
     @property
+    def continuous(self) -> bool:
+        """Whether forces have one value at each row, from both sides."""
+        moving = self.logged.change.any(axis=0)
+        each = zip(self.kinds, moving, strict=True)
+        return all(kind in ("smooth", "ramp") or not changes for kind, changes in each)
+
+    @property
     def several(self) -> bool:
         """Whether forces may be held several times between some rows."""
         return bool(self.logged.counts.max() > 1)

@@ -396,6 +396,8 @@ def cause_columns(
 
     last = _last(pieces)
     own = [columns(at, rate, curve, beyond) for at in flow.nodes[:-1]]
+    if not flow.forces.continuous:  # the next interval starts with other accelerations
+        return [*own, columns(flow.end, rate, curve, beyond)]
     end = columns(flow.end.take(last), rate[last], curve[last], beyond[last])
     return _at_nodes(pieces, own, end)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 import deltac as dc
 from deltac.arrays import Array
@@ -151,6 +152,62 @@ def test_quaternions_that_are_added_and_normalised_close() -> None:
     # No force acts: all that the energy changes by is the integrator's.
     true = energy[-1] - energy[0]
     assert abs(told.integrator.energy - true) < 2.0 * told.integrator.error + 1e-4 * abs(true)
+
+
+STAGES: dict[str, tuple[list[list[float]], list[float]]] = {
+    "explicit-euler": ([[]], [1.0]),
+    "heun": ([[], [1.0]], [0.5, 0.5]),
+    "explicit-midpoint": ([[], [0.5]], [0.0, 1.0]),
+    "kutta-3": ([[], [0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6]),
+}
+"""Weights of the stages in each other and in the step, as of textbooks."""
+
+
+@pytest.mark.parametrize("scheme", STAGES)
+def test_steps_on_the_group_of_rotations_close(scheme: str) -> None:
+    """A heavy top whose attitude a Runge–Kutta method moves by exponentials, by SciPy's rotations."""
+    rows_of_a, b = STAGES[scheme]
+    h, mass, height = 1e-3, 0.4, 0.09
+    moments = MOMENTS + mass * height**2 * np.array([1.0, 1.0, 0.0])
+    centre = np.array([0.0, 0.0, height])
+
+    def acceleration(attitude: Rotation, w: Array) -> Array:
+        down = attitude.inv().apply([0.0, 0.0, -mass * 9.81])
+        return np.asarray((np.cross(centre, down) - np.cross(w, moments * w)) / moments)
+
+    attitude, w = Rotation.from_rotvec([0.5, 0.0, 0.0]), np.array([0.3, 0.2, 30.0])
+    q, u = [attitude], [w]
+    for _ in range(600):
+        rates, slopes = list[Array](), list[Array]()
+        for a in rows_of_a:
+            turn = h * sum((x * r for x, r in zip(a, rates, strict=True)), np.zeros(3))
+            change = h * sum((x * r for x, r in zip(a, slopes, strict=True)), np.zeros(3))
+            rates.append(w + change)
+            slopes.append(acceleration(attitude * Rotation.from_rotvec(turn), w + change))
+        attitude = attitude * Rotation.from_rotvec(h * np.array(b) @ rates)
+        w = w + h * np.array(b) @ slopes
+        q.append(attitude)
+        u.append(w)
+    top = dc.body("top", mass, tuple(MOMENTS), mass_centre=tuple(centre))
+    model = dc.Mechanism(
+        [top], [dc.joints.spherical("tip", "ground", "top")], gravity=(0, 0, -9.81)
+    )
+    quaternions = np.array([x.as_quat(canonical=False)[[3, 0, 1, 2]] for x in q])
+    log = dc.Trajectory(
+        t=h * np.arange(601, dtype=float), q=quaternions, u=np.array(u),
+        coordinates=model.coordinates.names, speeds=model.speeds.names,
+    )  # fmt: skip
+    audit = dc.audit(model, log)
+    assert audit.integrator is not None and audit.attribution is not None
+    assert audit.integrator.names == (scheme,) and not audit.causes
+    energies = [
+        0.5 * (w**2 * moments).sum() + mass * 9.81 * x.apply(centre)[2]
+        for x, w in zip(q, u, strict=True)
+    ]
+    told, true = audit.attribution.integrator, energies[-1] - energies[0]
+    # Rounding of 600 steps of a body with some 5 J.
+    assert abs(told.energy - true) < 2.0 * told.error + 1e-11
+    assert told.error < 1e-7 * abs(true) + 1e-11
 
 
 # --- near the tolerance -------------------------------------------------------------------------------

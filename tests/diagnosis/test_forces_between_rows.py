@@ -608,12 +608,12 @@ def rk4_of(inertia: float, q: float, u: float, torque: float) -> Array:
 def test_a_balance_that_rests_on_held_torques_says_so(held: tuple[str, ...] | None) -> None:
     """Semi-implicit Euler asks for the torque once a step, whether that is held or a function of time."""
     h, n = 1e-3, 4000
-    t = h * np.arange(n + 1)
+    t = h * np.arange(n + 1, dtype=float)
     torques, x = 6.0 * np.sin(11.0 * t), np.zeros((n + 1, 2))
     x[0] = 0.7, 0.0
     joules = {"held": 0.0, "function": 0.0}
     for k in range(n):
-        u = x[k, 1] + h * acceleration(x[k, 0], x[k, 1], torques[k])
+        u = x[k, 1] + h * acceleration(x[k, 0], x[k, 1], float(torques[k]))
         x[k + 1] = x[k, 0] + h * u, u
         for way in joules:
             end = solve_ivp(
@@ -661,7 +661,7 @@ def test_speeds_that_a_log_lacks_are_those_of_the_one_method_that_makes_its_rows
     x[0] = 1.2, 0.4
     for k in range(600):
         x[k + 1] = position_verlet(x[k], h)
-    model = replace(MECHANISM, joints=[replace(MECHANISM.joints[0], damping=0.0)])
+    model = replace(MECHANISM, joints=[replace(MECHANISM.joints[0], damping=(0.0,))])
     audit = dc.audit(model, {"time": h * np.arange(601), "q.j": x[:, 0]})
     assert audit.integrator is not None and audit.integrator.names == ("position-verlet",)
     true = np.array([energy(y) - energy(x[0]) for y in x])

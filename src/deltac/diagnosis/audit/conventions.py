@@ -96,7 +96,8 @@ class Reading:
         speeds = _rates(run)[:, 1]
         same = np.eye(len(speeds))
         matrix = same if self.matrix is None else self.matrix
-        return speeds[(matrix != same).any(axis=1) | (np.zeros(len(speeds)) != self.offset)]
+        read = (matrix != same).any(axis=1) | (np.broadcast_to(self.offset, len(speeds)) != 0.0)
+        return np.asarray(speeds[read])
 
     def of(self, run: Trajectory) -> Trajectory:
         """The log, read so; its integrals are not."""
@@ -224,7 +225,10 @@ class Conventions:
         readings = [*_units(mechanism, self.run), *_orders_and_signs(mechanism, self.run)]
         model = LogModel(mechanism, part)
         left = np.array(
-            [_left(model, reading.of(part), self.alone, reading.changes(part)) for reading in readings]
+            [
+                _left(model, reading.of(part), self.alone, reading.changes(part))
+                for reading in readings
+            ]
         )
         # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
         doubts = np.array([reading.weight == "doubt" for reading in readings])

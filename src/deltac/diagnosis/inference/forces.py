@@ -266,9 +266,8 @@ class InterpolatedForces:
     @property
     def continuous(self) -> bool:
         """Whether forces have one value at each row, from both sides."""
-        moving = self.logged.change.any(axis=0)
-        each = zip(self.kinds, moving, strict=True)
-        return all(kind in ("smooth", "ramp") or not changes for kind, changes in each)
+        jumps = [k for k, kind in enumerate(self.kinds) if kind not in ("smooth", "ramp")]
+        return not self.logged.change[:, jumps].any()
 
     @property
     def several(self) -> bool:

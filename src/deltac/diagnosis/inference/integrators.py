@@ -106,7 +106,7 @@ KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0
 
 
 def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
-    """A Runge–Kutta method; `on_group`: rotations are moved by exponentials, as MuJoCo does."""
+    """A Runge–Kutta method; `on_group`: rotations are moved by exponentials."""
 
     def step(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         own = tableau_of(tableau) if isinstance(tableau, str) else tableau
@@ -442,25 +442,36 @@ def _implicit(
     )
 
 
+def _runge_kutta(
+    name: str, order: int, numbers: dict[str, float], tableau: Tableau | str, stages: int = 0
+) -> tuple[Integrator, ...]:
+    """An explicit method by the rates of quaternions, and by exponentials of rotations, as MuJoCo's."""
+    return tuple(
+        Integrator(
+            name, order, numbers, _explicit(tableau, on_group), stages=stages, rotations=on_group
+        )
+        for on_group in (False, True)
+    )
+
+
 INTEGRATORS = (
-    Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
+    *_runge_kutta("explicit-euler", 1, _first(-0.5, -0.5, -0.5), "ode1"),
     *SPLIT,
     Integrator(
         "implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False), holding=True
     ),
     Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True), holding=True),
     *_implicit("implicit-euler", 1, _first(0.5, 0.5, 0.5), _implicit_euler),
-    Integrator("heun", 2, _second(1 / 12, -1 / 6), _explicit("ode2")),
-    Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
+    *_runge_kutta("heun", 2, _second(1 / 12, -1 / 6), "ode2"),
+    *_runge_kutta("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), MIDPOINT),
     *_implicit("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), _implicit_midpoint),
     *_implicit("trapezoidal", 2, _second(1 / 12, 1 / 12), _trapezoidal),
     Integrator("adams-bashforth-2", 2, _second(-5 / 12, -5 / 12), memory=_adams_bashforth),
     *_of_families((_chung_hulbert, (0.0, 1.0)), (_hilber_hughes_taylor, (-1 / 3, 0.0))),
-    Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
-    Integrator("kutta-3", 3, {}, _explicit(KUTTA)),
-    Integrator("rk4", 4, {}, _explicit("ode4"), stages=4),
-    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True), stages=4, rotations=True),
-    Integrator("dormand-prince", 5, {}, _explicit("ode5")),
+    *_runge_kutta("bogacki-shampine", 3, {}, "ode3"),
+    *_runge_kutta("kutta-3", 3, {}, KUTTA),
+    *_runge_kutta("rk4", 4, {}, "ode4", stages=4),
+    *_runge_kutta("dormand-prince", 5, {}, "ode5"),
     *(
         replace(method, step=_by_quaternions(method.step), rotations=True)
         for method in SPLIT

@@ -612,17 +612,18 @@ def test_a_balance_that_rests_on_held_torques_says_so(held: tuple[str, ...] | No
     torques, x = 6.0 * np.sin(11.0 * t), np.zeros((n + 1, 2))
     x[0] = 0.7, 0.0
     joules = {"held": 0.0, "function": 0.0}
+
+    def rate(s: float, y: Array, k: int, way: str) -> list[float]:
+        torque = torques[k] if way == "held" else 6.0 * np.sin(11.0 * s)
+        return [float(y[1]), acceleration(float(y[0]), float(y[1]), float(torque))]
+
     for k in range(n):
         u = x[k, 1] + h * acceleration(x[k, 0], x[k, 1], float(torques[k]))
         x[k + 1] = x[k, 0] + h * u, u
         for way in joules:
             end = solve_ivp(
-                lambda s, y, k=k, way=way: [
-                    y[1],
-                    acceleration(y[0], y[1], torques[k] if way == "held" else 6.0 * np.sin(11.0 * s)),
-                ],
-                (t[k], t[k + 1]), x[k], "DOP853", rtol=1e-10, atol=1e-12,
-            )  # fmt: skip
+                rate, (t[k], t[k + 1]), x[k], "DOP853", args=(k, way), rtol=1e-10, atol=1e-12
+            )
             joules[way] += energy(x[k + 1]) - energy(end.y[:, -1])
     run = dc.Trajectory(
         t=t, q=x[:, :1], u=x[:, 1:], coordinates=("j",), speeds=("j",),

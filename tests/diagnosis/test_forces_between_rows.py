@@ -607,7 +607,7 @@ def rk4_of(inertia: float, q: float, u: float, torque: float) -> Array:
 @pytest.mark.parametrize("held", [None, ("actuator motor",), ()])
 def test_a_balance_that_rests_on_held_torques_says_so(held: tuple[str, ...] | None) -> None:
     """Semi-implicit Euler asks for the torque once a step, whether that is held or a function of time."""
-    h, n = 1e-3, 4000
+    h, n = 1e-3, 2000
     t = h * np.arange(n + 1, dtype=float)
     torques, x = 6.0 * np.sin(11.0 * t), np.zeros((n + 1, 2))
     x[0] = 0.7, 0.0
@@ -673,6 +673,7 @@ def test_speeds_that_a_log_lacks_are_those_of_the_one_method_that_makes_its_rows
     assert audit.ledger.error_bar["wang"].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_of_two_methods_that_make_the_same_coordinates_neither_has_all_joules() -> None:
     """Semi-implicit Euler, and its adjoint by the speeds of the rows before, beside a wrong weight."""
     h, n = 8e-3, 1200

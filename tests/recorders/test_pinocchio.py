@@ -156,6 +156,7 @@ def test_works_by_the_stages_of_the_loop() -> None:
     assert 3.6 < np.log2(found[0][0] / found[1][0]) < 5.4
     assert bars(arm_mechanism(mass=0.81), runs[1])[0] > 1e4 * found[1][0]
     assert runs[0].provenance.order == 4
+    assert runs[0].provenance.held is None  # nobody said
     # Other rows of the same run.
     thin = bars(arm_mechanism(), runs[1].every(10))
     assert thin[0] <= found[1][0] and thin[1] < 1e-12

@@ -191,10 +191,14 @@ class PinocchioRecorder(Recorder):
         self,
         solver: str | None = None,
         step: float | None = None,
-        held: Sequence[str] = (),
+        held: Sequence[str] | None = None,
         order: int | None = None,
     ) -> Trajectory:
-        """The samples so far, with the integrator's name, step and order, and the channels that it held."""
+        """The samples so far, with the integrator's name, step and order, and the channels that it held.
+
+        `held` is empty where all forces are functions of time or state at every instant, None where nobody
+        says.
+        """
         return self._trajectory(
             Provenance(
                 simulator=f"Pinocchio {self._pin.__version__}",
@@ -203,7 +207,7 @@ class PinocchioRecorder(Recorder):
                 order=order,
                 model=self._model.name or None,
                 stage=INSTANT,
-                held=tuple(held),
+                held=None if held is None else tuple(held),
                 acted=self._acted,
             )
         )

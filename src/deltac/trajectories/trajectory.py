@@ -102,7 +102,8 @@ class Provenance:
     energy_error  largest |ΔC| of a run's own testing functions, with what corrections undid, J; None where
                none was integrated with the motion
     singular   where the constraints were dependent, in words
-    held       channels whose forces were constant over each step; None where nobody said
+    held       channels whose forces were constant over each step, empty if all were functions of time; None
+               where nobody said
     inputs     "held" where controls and applied forces were set before each step and kept over it, so that
                what they act through may jump from row to row
     stage      of which instant accelerations and forces are, in words of a recorder

@@ -1028,10 +1028,10 @@ def _as_stepped(reference: AuditReference, log: Log, inference: Inference | None
     if inference is None or log.consecutive is not run or reference.work is not None:
         return log
     run = _with_speeds(inference, run)
-    stepped = _held_between_rows(inference, run) or run
-    if stepped is log.run:
+    held = _held_between_rows(inference, run)
+    if held is None and run is log.run:
         return log
-    return replace(log, run=run, ledger=balance(reference.mechanism, stepped))
+    return replace(log, run=run, ledger=balance(reference.mechanism, run if held is None else held))
 
 
 def _with_speeds(inference: Inference, run: Trajectory) -> Trajectory:

@@ -801,7 +801,7 @@ def _undecided(e: Judgement) -> Finding:
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
     if "u" in e.run.provenance.derived and e.energy_error[1] > e.allowed:
         return finding(
-            "speeds decide, which the log lacks: methods of other speeds make the same coordinates",
+            "speeds decide, of which the log has none of its own: other methods make these coordinates",
             f"ΔC is known to ± {e.energy_error[1]:.2g} J; {e.allowed:.2g} J are allowed",
             "Log the speeds",
             factor=e.energy_error[1] / max(e.allowed, 1e-300),

@@ -1035,9 +1035,14 @@ def _as_stepped(reference: AuditReference, log: Log, inference: Inference | None
 
 
 def _with_speeds(inference: Inference, run: Trajectory) -> Trajectory:
-    """The run with the speeds by which a known method makes its coordinates, where it has none of its own."""
+    """The run with the speeds by which a known method makes its coordinates, where it has none at all.
+
+    Differences of coordinates may be a method's own speeds, as they are of velocity Verlet.
+    """
     model, at = inference.model, inference.log.intervals
-    if not inference.speeds_known or model.n < len(run.speeds) or len(at.h) != len(run) - 1:
+    lacking = "u" in run.provenance.derived and differences(run) is None
+    whole = model.n == len(run.speeds) and len(at.h) == len(run) - 1
+    if not (inference.speeds_known and lacking and whole):
         return run
     u = np.array(run.u)
     u[:, model.of_u] = np.concatenate([at.start.u[:1], at.end.u])

@@ -91,13 +91,13 @@ class Reading:
     forces: Callable[[Forces], Forces] = lambda forces: forces
     weight: Weight = "doubt"
 
-    def changes(self, run: Trajectory) -> NDArray[np.intp]:
+    def changes(self, run: Trajectory) -> list[int]:
         """Speeds of a log that are read otherwise, or have coordinates that are; none for forces alone."""
         speeds = _rates(run)[:, 1]
         same = np.eye(len(speeds))
         matrix = same if self.matrix is None else self.matrix
         read = (matrix != same).any(axis=1) | (np.broadcast_to(self.offset, len(speeds)) != 0.0)
-        return np.asarray(speeds[read])
+        return [int(k) for k in speeds[read]]
 
     def of(self, run: Trajectory) -> Trajectory:
         """The log, read so; its integrals are not."""
@@ -321,12 +321,12 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
 
 
 def _left(
-    model: LogModel, run: Trajectory, inference: Inference, speeds: NDArray[np.intp] | None = None
+    model: LogModel, run: Trajectory, inference: Inference, speeds: Sequence[int] = ()
 ) -> float:
     """What the equations leave of the accelerations, in the mass metric: by a step from row to row.
 
-    Forces act as in the inference. At least what they leave of those of some `speeds`: where these are read
-    as small, others are all that is seen.
+    Forces act as in the inference. The larger share of two: of all speeds, and of some `speeds` alone, which
+    count little beside the others where they are read as small.
     """
     h = np.diff(run.t)
     next_to = np.flatnonzero(h < 1.5 * np.median(h))
@@ -348,7 +348,7 @@ def _left(
         M = model.matrices(start.t, start.q)[0]
         changes = ((end.u - u) / h, (end.u - start.u) / h, (u - start.u) / h)
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in changes]
-        some = np.isin(model.of_u, [] if speeds is None else speeds)
+        some = np.isin(model.of_u, speeds)
         inertia = np.einsum("tii->ti", M)[:, some]
         own = [np.sqrt(np.sum(inertia * x[:, some] ** 2)) for x in changes]
         sizes = max((sizes, own), key=lambda x: x[0] / (x[1] + x[2] + 1e-300))

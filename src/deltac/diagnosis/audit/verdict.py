@@ -591,7 +591,7 @@ def _held_forces(e: Judgement, between: float) -> Finding:
     return Finding(
         "held-forces",
         "the balance holds for forces that were held over each step, as controllers do",
-        f"if they are functions of time, the integrator's joules are known to ± {between:.2g} J; "
+        f"if they are functions of time, the integrator's joules are known only to ± {between:.2g} J; "
         f"{e.allowed:.2g} J are allowed",
         "Say which were: held=(…) of the log's provenance, empty for functions of time",
         factor=between / max(e.allowed, 1e-300),
@@ -801,7 +801,7 @@ def _undecided(e: Judgement) -> Finding:
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
     if "u" in e.run.provenance.derived and e.energy_error[1] > e.allowed:
         return finding(
-            "speeds decide, of which the log has none of its own: other methods make these coordinates",
+            "the log has no speeds of its own, and methods with different ones make these coordinates",
             f"ΔC is known to ± {e.energy_error[1]:.2g} J; {e.allowed:.2g} J are allowed",
             "Log the speeds",
             factor=e.energy_error[1] / max(e.allowed, 1e-300),

@@ -99,7 +99,10 @@ def test_accelerations_are_derived_on_demand(tmp_path: Path) -> None:
     [
         ("time,q.a\n0,1\n1,2\n", r"no column 'u\.<speed>', and 2 rows are too few to derive it"),
         ("time,q.a\n0,1\n1,2\n1,3\n2,4\n", r"column 'time', row 2 \(of 0 to 3\)"),
-        ("time,q.a\n0,1\n1,nan\n2,3\n3,4\n", r"cannot be derived.*row 1 \(of 0 to 3\)"),
+        (
+            "time,q.a\n0,1\n1,nan\n2,3\n3,4\n",
+            r"cannot be derived.*column 'q\.a'.*row 1 \(of 0 to 3\)",
+        ),
         ("time,u.a\n0,1\n1,2\n", r"no column 'q\.<coordinate>'"),
     ],
 )

@@ -38,7 +38,7 @@ def derived_speeds(
     speeds = list(names.speeds) if names is not None else list(speeds_of(coordinates))
     t = columns["time"]
     q = np.column_stack([columns[f"q.{name}"] for name in coordinates])
-    _check(t, q, "u.<speed>")
+    _check(t, q, "u.<speed>", [f"q.{name}" for name in coordinates])
     kinematics = _complete(coordinates, speeds)
     u = _speeds(t, q, kinematics, len(speeds))
     error = _error(t, u, lambda s: _speeds(t[s], q[s], kinematics, len(speeds)))
@@ -70,7 +70,7 @@ def with_accelerations(run: Trajectory) -> Trajectory:
         run.udot is not None or run.events
     ):  # no spline goes across an event; ledgers derive by pieces
         return run
-    _check(run.t, run.u, "udot.<speed>")
+    _check(run.t, run.u, "udot.<speed>", [f"u.{name}" for name in run.speeds])
     udot = _rate(run.t, run.u)
     error = _error(run.t, udot, lambda s: _rate(run.t[s], run.u[s]))
     errors = {name: float(e) for name, e in zip(run.speeds, error, strict=True)}
@@ -162,7 +162,7 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> RateNames:
     return kinematics
 
 
-def _check(t: Array, values: Array, what: str) -> None:
+def _check(t: Array, values: Array, what: str, columns: Sequence[str]) -> None:
     if len(t) < FEWEST_ROWS:
         raise LogError(
             f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST_ROWS}); "
@@ -173,7 +173,9 @@ def _check(t: Array, values: Array, what: str) -> None:
     finite = np.isfinite(values).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
+        column = columns[int(np.argmin(np.isfinite(values[row])))]
         raise LogError(
-            f"no column '{what}', and it cannot be derived: {row_name(row, len(t))}, t = {t[row]} s, "
-            "has a value that is no finite number"
+            f"no column '{what}', and it cannot be derived: column {column!r} has no finite number in "
+            f"{row_name(row, len(t))}, t = {t[row]} s; correct or remove that row, or log the column that is "
+            "missing"
         )

@@ -112,10 +112,12 @@ def test_every_simulator_makes_the_same_motion(name: str, solver: str, arm: Path
         missed.append(np.abs(end[[run.coordinates.index(n) for n in names]] - ours).max())
         assert missed[-1] < 0.02
         report = dc.audit(experiment.model, run)
-        # Its speeds are central differences of coordinates that semi-implicit Euler makes with others.
-        either = ["unresolved"] if solver == "velocity-verlet" else []
-        kinds = ["consistent", "integration-error", *either]
-        assert report.verdict.kind in kinds, report.summary()
+        assert report.verdict.kind in ("consistent", "integration-error"), report.summary()
+        if name == "exudyn" and solver == "velocity-verlet":
+            # Semi-implicit Euler makes the same coordinates with other speeds, and 0.037 J.
+            assert report.integrator is not None and report.attribution is not None
+            assert report.integrator.names == ("leapfrog",)
+            assert abs(report.attribution.integrator.energy) < 3e-4
     order = simulator.orders[solver]
     assert missed[1] < 1e-10 or np.log2(missed[0] / missed[1]) > order - 0.4
 

@@ -158,6 +158,7 @@ STAGES: dict[str, tuple[list[list[float]], list[float]]] = {
     "explicit-euler": ([[]], [1.0]),
     "heun": ([[], [1.0]], [0.5, 0.5]),
     "explicit-midpoint": ([[], [0.5]], [0.0, 1.0]),
+    "ralston": ([[], [2 / 3]], [0.25, 0.75]),
     "kutta-3": ([[], [0.5], [-1.0, 2.0]], [1 / 6, 2 / 3, 1 / 6]),
 }
 """Weights of the stages in each other and in the step, as of textbooks."""
@@ -208,6 +209,23 @@ def test_steps_on_the_group_of_rotations_close(scheme: str) -> None:
     # Rounding of 600 steps of a body with some 5 J.
     assert abs(told.energy - true) < 2.0 * told.error + 1e-11
     assert told.error < 1e-7 * abs(true) + 1e-11
+
+
+def test_steps_of_constant_acceleration_close() -> None:
+    """A pendulum by q + h u + ½ h² a and u + h a: nothing else changes its energy."""
+    h, x = 4e-3, [np.array([1.2, 0.4])]
+    for _ in range(400):
+        a = -G * np.sin(x[-1][0])
+        x.append(x[-1] + h * np.array([x[-1][1] + 0.5 * h * a, a]))
+    bob = dc.point_mass("bob", 1.0)
+    hinge = dc.revolute("hinge", "ground", "bob", "y", child_position=(0, 0, 1.0))
+    model = dc.Mechanism([bob], [hinge], gravity=(0, 0, -G))
+    q, u = np.array(x).T
+    audit = dc.audit(model, {"time": h * np.arange(401), "q.hinge": q, "u.hinge": u})
+    assert audit.integrator is not None and audit.integrator.names == ("constant-acceleration",)
+    energy = 0.5 * u**2 - G * np.cos(q)
+    assert audit.verdict.kind == "integration-error" and audit.attribution is not None
+    assert audit.attribution.integrator.curve[-1] == pytest.approx(energy[-1] - energy[0], rel=1e-4)
 
 
 # --- near the tolerance -------------------------------------------------------------------------------

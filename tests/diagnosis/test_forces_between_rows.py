@@ -673,6 +673,34 @@ def test_speeds_that_a_log_lacks_are_those_of_the_one_method_that_makes_its_rows
     assert audit.ledger.error_bar["wang"].max() < 1e-6
 
 
+@pytest.mark.parametrize("damping", [0.0, DAMPING])
+def test_central_differences_may_be_the_speeds_of_the_method(damping: float) -> None:
+    """Velocity Verlet of one acceleration a step, with the damper at the speed of half a step before."""
+    h, n = 8e-3, 300
+
+    def rate(_: float, y: Array) -> Array:
+        return np.array([y[1], acceleration(y[0], y[1], (DAMPING - damping) * y[1])])
+
+    x, kick = np.zeros((n + 1, 2)), 0.0
+    x[0] = 1.2, 0.0
+    for k in range(n):
+        kick = kick or 0.5 * h * rate(0.0, x[0])[1]
+        middle = x[k, 1] + kick
+        q = x[k, 0] + h * middle
+        kick = 0.5 * h * rate(0.0, np.array([q, middle]))[1]
+        x[k + 1] = q, middle + kick
+    assert np.abs(x[:, 1] - np.gradient(x[:, 0], h))[1:-1].max() < 1e-12
+    model = replace(MECHANISM, joints=[replace(MECHANISM.joints[0], damping=(damping,))])
+    audit = dc.audit(model, {"time": h * np.arange(n + 1), "q.j": x[:, 0], "u.j": x[:, 1]})
+    assert audit.integrator is not None and "leapfrog" in audit.integrator.names
+    exact = [solve_ivp(rate, (0.0, h), y, "DOP853", rtol=1e-10, atol=1e-12).y[:, -1] for y in x]
+    true = [energy(after) - energy(y) for after, y in zip(x[1:], exact[:-1], strict=True)]
+    assert audit.verdict.kind == "consistent" and audit.attribution is not None
+    # The first step has the damper at its own speed. What that takes of a defect is of the order of the step.
+    curve, order = audit.attribution.integrator.curve, h * damping / INERTIA
+    assert curve[-1] - curve[1] == pytest.approx(sum(true[1:]), rel=1e-4 + 2.0 * order)
+
+
 @pytest.mark.slow
 def test_of_two_methods_that_make_the_same_coordinates_neither_has_all_joules() -> None:
     """Semi-implicit Euler, and its adjoint by the speeds of the rows before, beside a wrong weight."""

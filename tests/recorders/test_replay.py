@@ -326,7 +326,7 @@ def test_forces_that_a_model_lacks_are_not_stepped(tmp_path: Path) -> None:
         lambda log: log.update(ctrl=log["ctrl"] * np.nan),
         lambda log: log.update(ctrl=log["ctrl"][::-1]),  # of another run
         pytest.param(  # not yet scaled, as policies put them out
-            lambda log: log.update(ctrl=10.0 * log["ctrl"]), marks=pytest.mark.slow
+            lambda log: log.update(action=10.0 * log.pop("ctrl")), marks=pytest.mark.slow
         ),
         lambda log: log.update({n: x[1:] for n, x in log.items()}, time=log["time"][1:] * 1.05),
     ],

@@ -30,6 +30,7 @@ from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.attribution import with_unexplained
 from deltac.diagnosis.inference.forces import FORCES
+from deltac.diagnosis.inference.hypotheses import SIGNIFICANT
 from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
 from deltac.diagnosis.inference.model import LogModel
@@ -669,6 +670,9 @@ def _inference_of_rows(
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     begun = None
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
+        if log.consecutive is log.run and _has_speeds_of_its_method(mechanism, rows):
+            own = balanced(mechanism, _without_derived(log.run), reference.work, log.findings)
+            return _judgement(reference, own, known, limit, progress)
         begun = closed(mechanism, rows, ledger.energy_exchanged)
     if begun is None:
         return None, None, None
@@ -707,6 +711,27 @@ def _inference_of_rows(
         if of_coordinates is not None and of_coordinates.methods:
             inference = of_coordinates
     return inference, conventions, None
+
+
+def _without_derived(run: Trajectory) -> Trajectory:
+    """The run with speeds as they were logged."""
+    derived = {name: of for name, of in run.provenance.derived.items() if name != "u"}
+    return replace(run, provenance=replace(run.provenance, derived=derived))
+
+
+def _has_speeds_of_its_method(mechanism: Mechanism, run: Trajectory) -> bool:
+    """Whether speeds that are differences of coordinates are those of a method, as of velocity Verlet's.
+
+    It makes each row of the one before, but perhaps the first ones; of differences that were taken of a log,
+    the last row is another one.
+    """
+    if "u" not in run.provenance.derived or differences(run) is None:
+        return False
+    own = closed(mechanism, _without_derived(run))
+    if not isinstance(own, Inference) or not own.closes:
+        return False
+    noise = np.hypot(*own.log.noise)
+    return bool(np.all(np.abs(own.residual[-1]) <= SIGNIFICANT * noise[-1]))
 
 
 def _refutes(inference: Inference, log: Log, doubts: set[str], tolerance: float) -> bool:

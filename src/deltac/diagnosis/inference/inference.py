@@ -160,6 +160,9 @@ class Unclosed:
                 own = _at_itself(point, self.equations, *found, limit, filtered)
                 if own is None:
                     continue
+                if self.alone and self.alone.closes and not own.finds_something:
+                    # What few rows were explained by, all rows refuse: they follow without causes.
+                    return _with_excluded(self.alone, own)
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
                     return own
                 if result is None or own.flow < result.flow:

@@ -102,6 +102,7 @@ Memory: TypeAlias = Callable[[LogModel, Intervals, Directions], Remembered | Non
 
 
 MIDPOINT = Tableau(((), (0.5,)), (0.0, 1.0), (0.0, 0.5), "Runge 1895")
+RALSTON = Tableau(((), (2 / 3,)), (0.25, 0.75), (0.0, 2 / 3), "Ralston 1962")
 KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0), "Kutta 1901")
 
 
@@ -121,6 +122,13 @@ def _kick_first(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tupl
     return model.moved(at.q, u, h), u
 
 
+def _constant_acceleration(
+    model: LogModel, at: Rows, h: Array, force: ForceInStep
+) -> tuple[Array, Array]:
+    a = model.acceleration(at.t, at.q, at.u, force(0.0))
+    return model.moved(at.q, at.u + 0.5 * h * a, h), at.u + h * a
+
+
 def _drift_first(time: float) -> Step:
     """The place after the step, then the acceleration there, of forces at a time: 0 before it, 1 after it."""
 
@@ -135,6 +143,18 @@ def _kick_drift_kick(
     model: LogModel, at: Rows, h: Array, force: ForceInStep
 ) -> tuple[Array, Array]:
     half = at.u + 0.5 * h * model.acceleration(at.t, at.q, at.u, force(0.0))
+    q = model.moved(at.q, half, h)
+    return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
+
+
+def _lagging_kicks(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    """Kick, drift and kick of one acceleration a step: that at a row is of the speeds half a step before."""
+    a = model.acceleration(at.t, at.q, at.u, force(0.0))
+    for _ in range(LAGGING):
+        before, a = a, model.acceleration(at.t, at.q, at.u - 0.5 * h * a, force(0.0))
+        if np.allclose(a, before, 16.0 * EPS, 16.0 * EPS):
+            break
+    half = at.u + 0.5 * h * a
     q = model.moved(at.q, half, h)
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
@@ -401,8 +421,10 @@ SPLIT = (
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(0.0)),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(1.0), later=True),
+    Integrator("constant-acceleration", 1, _first(0.0, -0.5, -0.5), _constant_acceleration),
     Integrator("verlet", 2, VERLET, _velocity_verlet),
     Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
+    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.5), _lagging_kicks),
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
 )
 """Methods that move coordinates along constant speeds."""
@@ -464,6 +486,7 @@ INTEGRATORS = (
     *_implicit("implicit-euler", 1, _first(0.5, 0.5, 0.5), _implicit_euler),
     *_runge_kutta("heun", 2, _second(1 / 12, -1 / 6), "ode2"),
     *_runge_kutta("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), MIDPOINT),
+    *_runge_kutta("ralston", 2, _second(0.0, -1 / 6), RALSTON),
     *_implicit("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), _implicit_midpoint),
     *_implicit("trapezoidal", 2, _second(1 / 12, 1 / 12), _trapezoidal),
     Integrator("adams-bashforth-2", 2, _second(-5 / 12, -5 / 12), memory=_adams_bashforth),
@@ -479,8 +502,13 @@ INTEGRATORS = (
     ),
     EXACT,
 )
-"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle, "verlet" with those of a
-step of Euler's; the former is of order one with dampers."""
+"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle, and the first half of
+the next with that acceleration or another; "verlet" with those of a step of Euler's. The former is of order
+one with dampers."""
+
+LAGGING = 12
+"""Iterations by which the acceleration of earlier speeds is found: each gains what dampers take in half a
+step, a twentieth or less."""
 
 MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""

@@ -135,10 +135,10 @@ def test_a_joint_that_is_turned_round_with_its_motor(joint: str) -> None:
 
 
 def test_a_motor_that_fails_is_told_with_its_time() -> None:
-    """Until 1.2 s the force of the knee's motor acts as logged, afterwards not."""
+    """Until 0.3 s the force of the knee's motor acts as logged, afterwards not."""
     failing = [
         dc.forces.joint_torque("m1", "hip", "1.5*sin(3*t)"),
-        dc.forces.joint_torque("m2", "knee", "0.4*cos(5*t)*(1 - tanh(1e4*(t - 1.2)))/2"),
+        dc.forces.joint_torque("m2", "knee", "0.4*cos(5*t)*(1 - tanh(1e4*(t - 0.3)))/2"),
     ]
     model = replace(mechanism(), forces=failing)
     start = model.state({"hip": 1.0, "knee": -0.5})

@@ -161,7 +161,7 @@ class Unclosed:
                 if own is None:
                     continue
                 if self.alone and self.alone.closes and not own.finds_something:
-                    # What few rows were explained by, all rows refuse: they follow without causes.
+                    # Causes that a few rows suggest have no odds in all: these follow without any.
                     return _with_excluded(self.alone, own)
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
                     return own
@@ -732,11 +732,16 @@ def _nothing_left(comparison: HypothesisComparison) -> bool:
 
 
 def _log_odds(comparisons: Sequence[HypothesisComparison]) -> Array:
-    """Log evidence of each, integrator and noise included, by rows that forget as slowly as those of any."""
-    tau = max(one.tau for one in comparisons)
-    blocks = [one.blocks[0] for one in comparisons]
-    each = zip(blocks, comparisons, strict=True)
-    return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
+    """Log evidence of each, integrator and noise included, by rows that forget as slowly as the likeliest's.
+
+    What a wrong one leaves is no noise, and may be as slow as the motion.
+    """
+
+    def evidence(tau: float) -> Array:
+        each = [(one.blocks[0], one.posterior.best) for one in comparisons]
+        return np.array([block.evidence(best, tau) - block.spread / tau for block, best in each])
+
+    return evidence(comparisons[int(np.argmax(evidence(1.0)))].tau)
 
 
 def _at_causes(

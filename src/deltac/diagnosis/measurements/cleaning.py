@@ -17,7 +17,6 @@ from deltac.diagnosis.measurements.kinematics import (
     Mask,
     coordinates_against_speeds,
     size_of,
-    trusted,
     unsteadiness,
 )
 from deltac.diagnosis.verdict import Finding, percent
@@ -231,11 +230,10 @@ CHORD = 8.0
 def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     """The run with its speeds marked as derived where they are central differences of the coordinates.
 
-    Or where they are differences to the row before or after: so are those of some methods. Speeds that a
-    recorder read from the simulator are not marked: they are its own.
+    Or where they are differences to the row before or after: so are those of some methods.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
-    if trusted(run) or len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
+    if len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
         return None
     i, j = np.array(pairs).T
     u = run.u[:, j]

@@ -268,8 +268,8 @@ def test_without_speeds_nothing_is_assumed_of_them() -> None:
 @pytest.mark.parametrize(
     ("step", "names"),
     [
-        # Both are one map of coordinates: the speeds alone are those of other instants.
-        (semi_implicit_euler, {"semi-implicit-euler", "semi-implicit-euler-qu"}),
+        # One map of coordinates: the speeds alone are those of other instants.
+        (semi_implicit_euler, {"semi-implicit-euler", "semi-implicit-euler-qu", "leapfrog"}),
         pytest.param(explicit_euler, {"explicit-euler"}, marks=pytest.mark.slow),
         pytest.param(rk4, {"rk4"}, marks=pytest.mark.slow),
     ],

@@ -681,10 +681,10 @@ def test_central_differences_may_be_the_speeds_of_the_method(damping: float) -> 
     def rate(_: float, y: Array) -> Array:
         return np.array([y[1], acceleration(y[0], y[1], (DAMPING - damping) * y[1])])
 
-    x, kick = np.zeros((n + 1, 2)), 0.0
+    x = np.zeros((n + 1, 2))
     x[0] = 1.2, 0.0
+    kick = 0.5 * h * rate(0.0, x[0])[1]
     for k in range(n):
-        kick = kick or 0.5 * h * rate(0.0, x[0])[1]
         middle = x[k, 1] + kick
         q = x[k, 0] + h * middle
         kick = 0.5 * h * rate(0.0, np.array([q, middle]))[1]

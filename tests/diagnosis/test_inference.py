@@ -685,6 +685,25 @@ def test_no_number_of_an_integrator_is_less_known_than_by_its_prior() -> None:
     assert np.all(np.sqrt(np.diag(told)) <= prior)
 
 
+def test_what_a_wrong_hypothesis_leaves_slowly_counts_all_rows_of_another() -> None:
+    """One leaves white noise beside 26 free numbers, the other a motion of 1e8 times its variance."""
+    rng, N, numbers = np.random.default_rng(4), 800, 26
+    white = 1e-4 * rng.standard_normal((N, 2))
+    slow = np.sin(0.02 * np.arange(N))[:, None] * np.ones(2) + 0.01 * rng.standard_normal((N, 2))
+    none, some = np.zeros(0, dtype=np.intp), np.arange(numbers)
+    right = Block(white, rng.standard_normal((N, 2, numbers)), some, np.full(numbers, 1e3), none)
+    wrong = Block(slow, np.zeros((N, 2, 0)), none, np.zeros(0), none)
+    taus = [autocorrelation_time(block.residual(np.zeros(0))) for block in (right, wrong)]
+    assert taus[0] < 2.0 < 20.0 < taus[1]
+    comparisons = [
+        SimpleNamespace(blocks=[block], posterior=SimpleNamespace(best=nothing(0)), tau=tau)
+        for block, tau in zip((right, wrong), taus, strict=True)
+    ]
+    odds = inference._log_odds(cast(Any, comparisons))
+    # Each of 1600 numbers tells ½ ln 1e8; the price of 26 free ones, some 15 each, is a small part of that.
+    assert odds[0] > odds[1] + 0.5 * (0.5 * 1600 * np.log(1e8))
+
+
 def test_the_order_in_which_causes_are_fitted_is_by_least_squares() -> None:
     rng = np.random.default_rng(5)
     D, r = rng.standard_normal((50, 2, 6)), rng.standard_normal((50, 2))

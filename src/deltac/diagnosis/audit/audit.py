@@ -671,7 +671,7 @@ def _inference_of_rows(
     begun = None
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
         if log.consecutive is log.run and _has_speeds_of_its_method(mechanism, rows):
-            own = balanced(mechanism, _without_derived(log.run), reference.work, log.findings)
+            own = balanced(mechanism, _with_logged_speeds(log.run), reference.work, log.findings)
             return _judgement(reference, own, known, limit, progress)
         begun = closed(mechanism, rows, ledger.energy_exchanged)
     if begun is None:
@@ -713,21 +713,21 @@ def _inference_of_rows(
     return inference, conventions, None
 
 
-def _without_derived(run: Trajectory) -> Trajectory:
-    """The run with speeds as they were logged."""
+def _with_logged_speeds(run: Trajectory) -> Trajectory:
+    """The run with its speeds taken as they were logged, not as derived from the coordinates."""
     derived = {name: of for name, of in run.provenance.derived.items() if name != "u"}
     return replace(run, provenance=replace(run.provenance, derived=derived))
 
 
 def _has_speeds_of_its_method(mechanism: Mechanism, run: Trajectory) -> bool:
-    """Whether speeds that are differences of coordinates are those of a method, as of velocity Verlet's.
+    """Whether speeds that are central differences of the coordinates are a method's own (velocity Verlet).
 
-    It makes each row of the one before, but perhaps the first ones; of differences that were taken of a log,
-    the last row is another one.
+    Its map makes each row from the one before, perhaps except for the first. Where the differences were taken
+    afterwards, the last one is one-sided, and no map makes it.
     """
     if "u" not in run.provenance.derived or differences(run) is None:
         return False
-    own = closed(mechanism, _without_derived(run))
+    own = closed(mechanism, _with_logged_speeds(run))
     if not isinstance(own, Inference) or not own.closes:
         return False
     noise = np.hypot(*own.log.noise)

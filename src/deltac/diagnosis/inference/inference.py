@@ -161,7 +161,7 @@ class Unclosed:
                 if own is None:
                     continue
                 if self.alone and self.alone.closes and not own.finds_something:
-                    # Causes that a few rows suggest have no odds in all: these follow without any.
+                    # Causes that some rows suggest have no odds in all rows, which follow without causes.
                     return _with_excluded(self.alone, own)
                 if own.closes or (own.excess <= KNOWN and not own.finds_something):
                     return own
@@ -732,9 +732,9 @@ def _nothing_left(comparison: HypothesisComparison) -> bool:
 
 
 def _log_odds(comparisons: Sequence[HypothesisComparison]) -> Array:
-    """Log evidence of each, integrator and noise included, by rows that forget as slowly as the likeliest's.
+    """Log evidence of each, integrator and noise included, with the autocorrelation time of the likeliest.
 
-    What a wrong one leaves is no noise, and may be as slow as the motion.
+    What a wrong one leaves is no noise: it may be as slow as the motion, and would discount the rows of all.
     """
 
     def evidence(tau: float) -> Array:

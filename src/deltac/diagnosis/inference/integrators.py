@@ -147,10 +147,15 @@ def _kick_drift_kick(
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
 
-def _lagging_kicks(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
-    """Kick, drift and kick of one acceleration a step: that at a row is of the speeds half a step before."""
+def _kicks_of_one_acceleration(
+    model: LogModel, at: Rows, h: Array, force: ForceInStep
+) -> tuple[Array, Array]:
+    """Leapfrog that evaluates once a step: it begins with the acceleration that ended the step before.
+
+    That was taken at the speeds u − ½ h a in the middle of that step, and depends on itself through them.
+    """
     a = model.acceleration(at.t, at.q, at.u, force(0.0))
-    for _ in range(LAGGING):
+    for _ in range(ITERATIONS):
         before, a = a, model.acceleration(at.t, at.q, at.u - 0.5 * h * a, force(0.0))
         if np.allclose(a, before, 16.0 * EPS, 16.0 * EPS):
             break
@@ -424,7 +429,7 @@ SPLIT = (
     Integrator("constant-acceleration", 1, _first(0.0, -0.5, -0.5), _constant_acceleration),
     Integrator("verlet", 2, VERLET, _velocity_verlet),
     Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
-    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.5), _lagging_kicks),
+    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.5), _kicks_of_one_acceleration),
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
 )
 """Methods that move coordinates along constant speeds."""
@@ -502,13 +507,13 @@ INTEGRATORS = (
     ),
     EXACT,
 )
-"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle, and the first half of
-the next with that acceleration or another; "verlet" with those of a step of Euler's. The former is of order
-one with dampers."""
+"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle, and begins the next step
+with the same acceleration or with a new one; "verlet" takes it with those of a step of Euler's. The former is
+of order one with dampers."""
 
-LAGGING = 12
-"""Iterations by which the acceleration of earlier speeds is found: each gains what dampers take in half a
-step, a twentieth or less."""
+ITERATIONS = 12
+"""Iterations of an acceleration that depends on itself. Each reduces the error by ½ h |∂a/∂u|, the share of a
+speed that dampers take in half a step: rounding is reached up to a twentieth."""
 
 MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""

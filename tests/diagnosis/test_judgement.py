@@ -235,6 +235,24 @@ def test_a_policys_log_whose_model_has_another_damper(tmp_path: Path) -> None:
     assert not any(remedy.startswith("Log more") for remedy in remedies)
 
 
+def test_forces_by_controls_do_not_depend_on_what_memory_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    from deltac.recorders.mujoco_forces import actuator_forces
+
+    positions = mujoco.mj_fwdPosition
+
+    def with_memory_as_others_left_it(model: Any, data: Any) -> None:
+        positions(model, data)
+        data.efc_force[:] = np.nan
+
+    monkeypatch.setattr(mujoco, "mj_fwdPosition", with_memory_as_others_left_it)
+    model = mujoco.MjModel.from_xml_string(HOPPER.format(damping=0.3))
+    on_the_floor, at_rest = np.array([[-1.0, 0.0, 0.0]]), np.zeros((1, model.nv))
+    forces = actuator_forces(model, on_the_floor, at_rest, np.array([[0.5, -0.25]]))
+    assert forces is not None
+    assert [list(f[0]) for f in forces.values()] == [[0.0, 10.0, 0.0], [0.0, 0.0, -2.5]]
+
+
 def test_a_policys_log_of_this_model_has_no_joules_of_mistakes(tmp_path: Path) -> None:
     log = policy(damping=0.3)
     model = tmp_path / "leg.xml"

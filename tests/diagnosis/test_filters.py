@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import butter, filtfilt, lfilter
 
 import deltac as dc
+from deltac.diagnosis.audit.habits import LowPass
 from deltac.diagnosis.inputs.omissions import limits_reached
 from deltac.importers.report import ImportReport, Remark
 from tests.systems.cart_pole import CartPole, log
@@ -178,6 +179,12 @@ def test_a_pendulums_zero_is_put_right(zero: float) -> None:
     assert audit.verdict.kind == "consistent" and not audit.causes
     [told] = [f for f in audit.findings if f.kind == "zero-offset"]
     assert told.factor == pytest.approx(zero, rel=1e-9)
+
+
+def test_what_takes_next_to_nothing_is_no_filter() -> None:
+    """Half of what is within two per cent of the Nyquist frequency: errors of steps look like that."""
+    assert not LowPass((0.0, 4e-8), trapezoid=True, both_ways=True, forces=False).low_pass
+    assert LowPass((0.0, 4e-2), trapezoid=True, both_ways=True, forces=False).low_pass
 
 
 def test_the_log_itself_went_through_none() -> None:

@@ -910,3 +910,20 @@ def test_nobody_is_asked_for_forces_more_often_than_once_a_step() -> None:
     told = found.attribution.integrator
     assert told.energy == pytest.approx(joules, abs=2.0 * told.error)
     assert told.error < 1e-3
+
+
+def policy(steps: int, seed: int) -> tuple[Array, Array]:
+    """States (N, 2) and random torques (N,), a new one at each step."""
+    rng, rows, torques = np.random.default_rng(seed), [np.array([0.7, 0.0])], list[float]()
+    for _ in range(steps):
+        torques.append(float(rng.uniform(-6.0, 6.0)))
+        rows.append(np.array(rk4(float(rows[-1][0]), float(rows[-1][1]), torques[-1])))
+    return np.array(rows[:-1]), np.array(torques)
+
+
+@pytest.mark.parametrize("every", [5, 10])
+def test_torques_of_which_most_were_not_logged_accuse_nobody(every: int) -> None:
+    """A new random torque at each step: those between the rows are not told by those of the rows."""
+    x, torques = policy(steps=400 * every, seed=2)
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 400 * every, every)))
+    assert audit.verdict.kind == "unresolved"

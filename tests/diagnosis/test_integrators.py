@@ -183,15 +183,19 @@ def test_numbers_that_were_fitted_to_the_memory_of_a_method_have_a_price() -> No
     assert likeliest_of(np.stack([r, 1e-3 * r], axis=2), np.array([0, 7])) == 1
 
 
-def test_only_dampers_of_joints_are_at_the_end_of_mujocos_step() -> None:
-    """Its Euler method takes the damper of a cord as a force at the row.
+@pytest.mark.parametrize(
+    ("integrator", "name"),
+    [("Euler", "implicit-damping-euler"), ("implicitfast", "implicit-all-damping-euler")],
+)
+def test_dampers_at_the_end_of_mujocos_step(integrator: str, name: str) -> None:
+    """Its Euler method takes the damper of a cord as a force at the row, `implicitfast` does not.
 
     The true joules are those of each step beyond the flow of a pendulum that is written out here.
     """
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
     h, mass, length, moment, pin, cord = 2e-3, 1.0, 0.5, 0.05, 0.2, 0.3
     model = mujoco.MjModel.from_xml_string(
-        f"""<mujoco><option timestep="{h}" integrator="Euler"/><worldbody><body>
+        f"""<mujoco><option timestep="{h}" integrator="{integrator}"/><worldbody><body>
         <joint name="pin" axis="0 1 0" damping="{pin}"/><inertial pos="0 0 -{length}" mass="{mass}"
         diaginertia="{moment} {moment} {moment}"/></body></worldbody><tendon><fixed name="cord"
         damping="{cord}"><joint joint="pin" coef="1"/></fixed></tendon></mujoco>"""
@@ -205,7 +209,7 @@ def test_only_dampers_of_joints_are_at_the_end_of_mujocos_step() -> None:
     run = dc.Trajectory(t=t, q=q[:, None], u=u[:, None], coordinates=("pin",), speeds=("pin",))
     audit = dc.audit(model, run)
     assert not audit.causes and audit.integrator is not None
-    assert audit.integrator.names == ("implicit-damping-euler",)
+    assert audit.integrator.names == (name,)
 
     inertia = moment + mass * length**2
 

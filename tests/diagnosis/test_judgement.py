@@ -235,7 +235,9 @@ def test_a_policys_log_whose_model_has_another_damper(tmp_path: Path) -> None:
     assert not any(remedy.startswith("Log more") for remedy in remedies)
 
 
-def test_forces_by_controls_do_not_depend_on_what_memory_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forces_by_controls_do_not_depend_on_what_memory_held(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     mujoco = pytest.importorskip("mujoco")
     from deltac.recorders.mujoco_forces import actuator_forces
 
@@ -265,6 +267,43 @@ def test_a_policys_log_of_this_model_has_no_joules_of_mistakes(tmp_path: Path) -
     assert exact is not None and exact.log.energy == pytest.approx(0.0, abs=1e-9)
     assert audit.attribution.log.energy != 0.0
     assert audit.attribution.integrator.energy == pytest.approx(exact.integrator.energy, rel=1e-2)
+
+
+ARM = """<mujoco model="arm"><option timestep="0.002" integrator="RK4"/><worldbody>
+ <body><joint name="shoulder" axis="0 1 0" damping="{damping}"/>
+  <inertial pos="0 0 -.35" mass="2" diaginertia=".03 .03 .01"/>
+  <body pos="0 0 -.7"><joint name="elbow" axis="0 1 0" damping=".1"/>
+   <inertial pos="0 0 -.3" mass="1" diaginertia=".02 .02 .008"/></body></body></worldbody>
+ <actuator><motor name="A" joint="shoulder" gear="{gear}"/><motor name="B" joint="elbow"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "true"),
+    [({"damping": 0.3}, "damping", 0.2), ({"gear": 1.1}, "actuator-gear", 1 / 1.1)],
+    ids=["damper", "gear"],
+)
+def test_mistakes_beside_torques_that_are_new_at_each_row(
+    wrong: dict[str, float], kind: str, true: float, tmp_path: Path
+) -> None:
+    """A policy's torques look like noise, until it is told that they are held from row to row."""
+    mujoco = pytest.importorskip("mujoco")
+    right = {"damping": 0.2, "gear": 1.0}
+    model = mujoco.MjModel.from_xml_string(ARM.format(**right))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:] = 0.7, -0.3
+    log: dict[str, list[Any]] = {name: [] for name in ("time", "qpos", "qvel", "ctrl")}
+    for _ in range(400):
+        data.ctrl[:] = rng.uniform(-4.0, 4.0, model.nu)
+        for name, column in log.items():
+            column.append(np.copy(getattr(data, name)))
+        mujoco.mj_step(model, data, SKIP)
+    given = tmp_path / "arm.xml"
+    given.write_text(ARM.format(**{**right, **wrong}), "utf-8")
+    audit = dc.audit(str(given), {name: np.array(column) for name, column in log.items()})
+    assert audit.verdict.kind == "equation-error"
+    [cause] = audit.causes
+    assert cause.kind == kind and cause.values[0] == pytest.approx(true, rel=1e-6)
 
 
 # --- the same numbers in other containers -----------------------------------------------------------

@@ -876,14 +876,14 @@ def _follows(inference: Inference | None, most: float = KNOWN) -> bool:
 
 
 def _is_explained(judged: Judgement, scaled: bool) -> bool:
-    """Whether each row follows from the one before, or causes explain all but a millionth.
+    """Whether each row follows from the one before, or causes explain most of what they depart by.
 
-    Where the controls may be a policy's outputs, which are `scaled` before they act, a gear or a scale of all
-    masses explains nothing.
+    Where the controls may be a policy's outputs, which are `scaled` before they act, they must explain all
+    but a millionth, and a gear or a scale of all masses explains nothing.
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
-    inference = judged.inference
-    named = inference and judged.causes and 1.0 - inference.explained <= SMALL_SHARE**2
+    inference, most = judged.inference, SMALL_SHARE**2 if scaled else ROUGHLY
+    named = inference and judged.causes and 1.0 - inference.explained <= most
     explained = _follows(inference) or bool(named)
     return _turns_axes(judged) or (explained and not (scaled and scales))
 

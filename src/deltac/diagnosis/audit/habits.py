@@ -102,9 +102,10 @@ class LowPass:
 
     @property
     def low_pass(self) -> bool:
-        """Whether it is late or of zero phase, and amplifies no frequency.
+        """Whether it is late or of zero phase, takes a tenth of some frequency, and amplifies none.
 
-        The inverse of an amplifier could cancel a motion of a single mode.
+        The inverse of an amplifier could cancel a motion of a single mode; what takes next to nothing, but
+        near the Nyquist frequency, is an error of steps.
         """
         frequencies = np.pi * np.geomspace(SLOWEST, 0.99, 400)
         own, rest = (
@@ -112,7 +113,8 @@ class LowPass:
             for w in self._weights
         )
         late = self.both_ways or self.numbers[0] > 0.0
-        return bool(late and np.all(own >= (1.0 - SMALL_SHARE) * rest))
+        takes = np.any(((1.0 - ROUGHLY) * own >= rest)[frequencies <= (1.0 - ROUGHLY) * np.pi])
+        return bool(late and takes and np.all(own >= (1.0 - SMALL_SHARE) * rest))
 
     @property
     def delay(self) -> float:
@@ -563,8 +565,7 @@ def unfiltered(
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled_rows(), suppress(*NO_MOTION):
-        as_logged = _FilteredRows(model, part, ())
-        if as_logged.exact:
+        if _FilteredRows(model, part, ()).exact:
             return None
         for fit in _likely(_FilteredRows(model, part, kernels)):
             rows = _FilteredRows(model, part if kernels else run, kernels)
@@ -574,7 +575,7 @@ def unfiltered(
                 settled = rows.settled(settled)
             own = settled.filter
             # In all rows, and beside few causes, the numbers may settle elsewhere, or explain nothing.
-            if own.low_pass and settled.left <= LEFT_OF_INPUT * as_logged.whole:
+            if own.low_pass and settled.left <= LEFT_OF_INPUT * rows.whole:
                 return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 

@@ -85,6 +85,12 @@ class LoggedForce:
     ends: Array
     counts: NDArray[np.intp]
 
+    @cached_property
+    def erratic(self) -> NDArray[np.bool_]:
+        """Columns (m,) of which two rows tell what is between them no better than the mean of all does."""
+        first, half = self.first, 0.5 * (self.change[1:] - self.change[:-1])
+        return np.asarray(np.mean(half**2, axis=0) > np.var(first, axis=0))
+
     def part(self, which: int, s: float | Array, begin: float | Array | None = None) -> Array:
         """What a, b, c or d multiplies at the fraction s, in a step that begins at another."""
         if which < 2:

@@ -190,14 +190,14 @@ def _by_quaternions(step: Step) -> Step:
     return other
 
 
-def _implicit_in(whole: bool) -> Step:
-    """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
+def _implicit_in(what: str) -> Step:
+    """Semi-implicit Euler with dampers of joints, all dampers or all of ∂a/∂u at the end of the step."""
 
     def step(model: LogModel, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
         units = np.eye(model.n)[:, None]
-        if whole:
+        if what == "speeds":
             d = 1e-6 * (1.0 + np.abs(at.u).max())
             ends = (
                 [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
@@ -205,8 +205,9 @@ def _implicit_in(whole: bool) -> Step:
             )
             slopes = np.stack([(x - y) / (2.0 * d) for x, y in ends], axis=2)
         else:
-            still = model.damping(at.t, at.q, at.u, F)
-            change = [model.damping(at.t, at.q, at.u + e, F) - still for e in units]
+            own = (F, what == "dampers")
+            still = model.damping(at.t, at.q, at.u, *own)
+            change = [model.damping(at.t, at.q, at.u + e, *own) - still for e in units]
             slopes = model.response(at.t, at.q, np.stack(change, axis=2))
         A = np.eye(model.n) - h[:, :, None] * slopes
         u = at.u + np.linalg.solve(A, (h * a)[:, :, None])[:, :, 0]
@@ -481,13 +482,21 @@ def _runge_kutta(
     )
 
 
+BY_ALL_DAMPERS = "implicit-all-damping-euler"
+"""All dampers are at the end of its step, as in MuJoCo's "implicitfast", those of cords and bodies too.
+What these do is no field of its own. Rows show the method by its map alone."""
+
 INTEGRATORS = (
     *_runge_kutta("explicit-euler", 1, _first(-0.5, -0.5, -0.5), "ode1"),
     *SPLIT,
-    Integrator(
-        "implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False), holding=True
+    *(
+        Integrator(name, 1, _first(0.5, -0.5, *numbers), _implicit_in(what), holding=True)
+        for name, what, numbers in (
+            ("implicit-damping-euler", "joints", (-0.5, 1.0)),
+            (BY_ALL_DAMPERS, "dampers", (-0.5, 1.0)),
+            ("implicit-speed-euler", "speeds", (0.5,)),
+        )
     ),
-    Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True), holding=True),
     *_implicit("implicit-euler", 1, _first(0.5, 0.5, 0.5), _implicit_euler),
     *_runge_kutta("heun", 2, _second(1 / 12, -1 / 6), "ode2"),
     *_runge_kutta("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), MIDPOINT),
@@ -603,6 +612,8 @@ def _maps(
         if parts > 1 and (method.step is None or method.order > 2):
             continue
         if method.name == "implicit-damping-euler" and not model.damped:
+            continue
+        if method.name == BY_ALL_DAMPERS and not model.damped_elsewhere:
             continue
         if method.rotations and not model.quaternions:
             continue
@@ -818,6 +829,8 @@ def estimate(c: Array, covariance: Array, damped: bool, step: float) -> Integrat
     for method in INTEGRATORS:
         if (method.order > 2 and method.name != "higher-order") or method.memory is not None:
             continue
+        if method.name == BY_ALL_DAMPERS:
+            continue
         own = numbers_of(method)
         if not damped and own[PLACES["u: damping a"]]:
             continue
@@ -861,7 +874,9 @@ def parted(
     of_dampers = np.array(["damping" in f.name for f in FIELDS])
     gaps = list[tuple[float, Integrator, int]]()
     for method in INTEGRATORS:
-        if method.step is None or method.order > 2 or (not damped and "damping" in method.name):
+        if method.step is None or method.order > 2 or method.name == BY_ALL_DAMPERS:
+            continue
+        if not damped and "damping" in method.name:
             continue
         own = numbers_of(method)
         leading = (orders == orders[np.flatnonzero(own)].min()) | (orders < method.order)

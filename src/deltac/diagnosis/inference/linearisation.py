@@ -447,9 +447,10 @@ class ProcessNoise:
     """Covariances (N, 2n, 2n) of what the flow adds to prediction errors that it does not know.
 
     flow     its own error, with digits of forces, and what these did in intervals of which steps are lost
-    forces   noise of logged forces
+    forces   noise of logged ones, and what erratic ones did in such intervals
     doubt    what forces that are smooth do otherwise than a spline
     across   what a solver does to keep constraints
+    share    of the latter's standard deviations that is likely
     beyond   standard deviations (N, 2n) of what the series in the step leaves out
     """
 
@@ -458,6 +459,7 @@ class ProcessNoise:
     doubt: Array
     across: Array
     beyond: Array
+    share: float
 
     @property
     def own(self) -> Array:
@@ -473,7 +475,12 @@ class ProcessNoise:
 
     def with_shares(self, forces: float = 1.0, beyond: float = 1.0) -> ProcessNoise:
         """The same with shares of the noise of forces, and of what the series leaves out."""
-        return replace(self, forces=forces**2 * self.forces, beyond=beyond * self.beyond)
+        return replace(
+            self,
+            forces=forces**2 * self.forces,
+            beyond=beyond * self.beyond,
+            share=forces * self.share,
+        )
 
 
 def process_noise(
@@ -486,10 +493,10 @@ def process_noise(
     Q, white, between, across = _unknown(log, flow, lost)
     beyond, Phi = _beyond_series(tangent, log.steps), tangent.Phi
 
-    def likeliest(part: Array, others: Array) -> Array:
-        """As large a part as is likely."""
+    def likeliest(part: Array, others: Array) -> float:
+        """The share of a part that is likely."""
         if not part.any():
-            return part
+            return 0.0
         w = log.errors(flow.plant, flow.end, Phi)
         share, likelihood = 0.0, -np.inf
         for x in SHARES:  # it has one maximum
@@ -497,14 +504,15 @@ def process_noise(
             if now <= likelihood:
                 break
             share, likelihood = x, now
-        return share**2 * part
+        return share
 
-    white = likeliest(white, Q + between + across)
-    between = likeliest(between, Q + white + across)
+    share = likeliest(white, Q + between + across)
+    white = share**2 * white
+    between = likeliest(between, Q + white + across) ** 2 * between
     # What is left tells how large the own is; splines of forces have a doubt of their own.
     in_lost = lost[:, None, None]
     own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
-    return ProcessNoise(own, white, doubt, across, beyond)
+    return ProcessNoise(own, white, doubt, across, beyond, share)
 
 
 def likelihood_of(
@@ -529,7 +537,8 @@ def _unknown(
 
     Its own error, with digits of logged forces; across constraints, what a solver does to keep them. In
     intervals of which a step is `lost` a force may have taken any way from one row to the next: by its
-    change, uniformly. In others, one that is smooth may differ from its spline.
+    change, uniformly, or at random where it is erratic. In others, one that is smooth may differ from its
+    spline.
     """
     model, h, at = flow.plant, log.intervals.h, flow.nodes[0]
     n, force, kinds = model.n, flow.forces.logged, flow.forces.kinds
@@ -548,7 +557,11 @@ def _unknown(
             columns.append(np.concatenate([0.5 * h * du, du], axis=1))
         bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
         anything = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
-        for columns, size in ((own, ends[:, k]), (moves, np.where(lost, anything, doubt[:, k]))):
+        course, random = np.where(lost, anything, doubt[:, k]), np.zeros_like(anything)
+        if force.erratic[k]:  # the mean of many values, in place of that of two
+            random = 0.5 * np.sqrt(np.mean(force.change[:, k] ** 2)) * lost
+            course = np.where(lost, 0.0, course)
+        for columns, size in ((own, ends[:, k]), (moves, course), (white, random)):
             if size.any():
                 du = response * (h[:, 0] * size)[:, None]
                 columns.append(np.concatenate([0.5 * h * du, du], axis=1))
@@ -594,7 +607,6 @@ class Point:
     model         as it is given; `flow.plant` has causes in its equations
     run           the log, of which `log` has some stretches
     energy        that the run exchanges, J
-    model_noise   of the rows at the starts and ends as the flow of the model shows it
     tangent       perhaps at a flow by other forces between the rows
     noise         what the flow does not know
     own           kernels of the columns of causes, and the causes themselves, of the model
@@ -611,7 +623,6 @@ class Point:
     run: Trajectory
     energy: float
     log: Observations
-    model_noise: tuple[Array, Array]
     flow: Flow
     tangent: Tangent
     noise: ProcessNoise
@@ -822,8 +833,7 @@ class Point:
         some = np.unique(np.add.outer(starts, np.arange(size)))
         log = log.without(~np.isin(np.arange(N), some))
         logged = LoggedForce.of(log.intervals, log.pieces, of.logged.counts[some])
-        first, last = (x[some] for x in self.model_noise)
-        moved = replace(self, log=log, model_noise=(first, last), accelerations=None, states=())
+        moved = replace(self, log=log, accelerations=None, states=())
         moved = moved.with_flow(forces=replace(of, logged=logged)).with_tangent()
         return moved.with_process_noise().with_columns()
 
@@ -876,15 +886,17 @@ class Point:
     def with_candidates(self, equations: LogEquations, kernels: ColumnKernels) -> Point:
         """With further columns, and the causes that they allow.
 
-        All is compared anew, from the model itself and the noise that its flow shows.
+        All is compared anew, from the model itself and the noise that its flow shows, by forces as they act.
         """
-        start, end = (
-            np.where(self.log.unknown, now, first)
-            for now, first in zip(self.log.noise, self.model_noise, strict=True)
-        )
-        moved = replace(self, log=replace(self.log, noise=(start, end)))
+        moved = self
         if self.flow.plant is not self.model:
             moved = moved.with_flow(plant=self.model).with_tangent()
+        unknown, known = self.log.unknown, moved.with_noise_of_rows().log
+        start, end = (
+            np.where(unknown, now, shown)
+            for now, shown in zip(self.log.noise, known.noise, strict=True)
+        )
+        moved = replace(moved, log=replace(known, noise=(start, end)))
         every = (*self.own[0], kernels)
         columns = tuple(column for one in every for column in one.columns)
         moved = replace(moved, own=(every, candidates(equations, columns)), built=None)
@@ -935,7 +947,7 @@ def start(model: LogModel, run: Trajectory, log: Observations, energy: float = 0
         tangent = Tangent.of(flow, log)
     log = log.with_noise(flow.w)
     noise = process_noise(log, flow, tangent, log.thinned)
-    return Point(model, run, energy, log, log.noise, flow, tangent, noise, [], np.zeros(0))
+    return Point(model, run, energy, log, flow, tangent, noise, [], np.zeros(0))
 
 
 def _jumps(w: Array) -> NDArray[np.bool_]:

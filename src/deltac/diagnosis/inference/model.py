@@ -92,26 +92,27 @@ class _Expressions:
             r = (force - rnea(s, still))[at]
             a, _ = bound.schur.solve(r, bound.rows.gamma)
             G = bound.rows.G
-        # Engines that treat damping implicitly do so in joints, not in cords and between bodies.
+        # Engines treat damping implicitly in joints, and some of them in cords and between bodies as well.
         joints = {x.name for x in mechanism.elements if isinstance(x, JointDamper)}
-        dampers = [
-            p.force[at]
-            for p in symbols.parts
-            if p.name.kind == "damper" and p.name not in log.places and p.name.element in joints
-        ]
-        damping = ca.SX(sum(dampers, start=ca.SX.zeros(len(at))))
+        dampers = [p for p in symbols.parts if p.name.kind == "damper" and p.name not in log.places]
+        in_joints = [p for p in dampers if p.name.element in joints]
+        damping, whole = (
+            ca.SX(sum((p.force[at] for p in some), start=ca.SX.zeros(len(at))))
+            for some in (in_joints, dampers)
+        )
         E = ca.SX(terms.K2 + terms.K1 + terms.K0 + terms.V)
         along_q = ca.jtimes(s.qdot, s.u, ca.gradient(E, s.q), True)
         driven = ca.gradient(ca.SX(terms.K1 + 2 * terms.K0), s.u)
         place = {"t": s.t, "q": s.q}
         state = {**place, "u": s.u}
         self.acceleration = RowExpression("a", {**state, "logged": symbols.logged}, a, often=True)
-        self.damping = RowExpression("d", {**state, "logged": symbols.logged}, damping)
+        self.damping = RowExpression("d", {**state, "logged": symbols.logged}, damping, whole)
         self.matrices = RowExpression("m", place, crba(s)[at, at], G)
         self.qdot = RowExpression("r", state, s.qdot)
         self.energy = RowExpression("e", state, ca.vertcat(along_q, ca.gradient(E, s.u)), driven)
         self.rows_of_G, self.n = G.shape[0], len(at)
-        self.damped = bool(dampers) and not damping.is_zero()
+        self.damped = bool(in_joints) and not damping.is_zero()
+        self.damped_elsewhere = len(dampers) > len(in_joints)
 
 
 class _Change:
@@ -176,6 +177,7 @@ class LogModel:
         )
         self._expressions = made
         self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
+        self.damped_elsewhere = made.damped_elsewhere
         self.exponentials = True
         self.rated = run.udot is not None and "udot" not in run.provenance.derived
         self.change: _Change | None = None
@@ -265,9 +267,9 @@ class LogModel:
         """u̇ of all free speeds at rows."""
         return self.at(rows)
 
-    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
-        """Generalized forces (T, n) of the model's own dampers."""
-        own = self._expressions.damping(t, q, u, F)[0]
+    def damping(self, t: Array, q: Array, u: Array, F: Array, everywhere: bool = False) -> Array:
+        """Generalized forces (T, n) of the model's own dampers, in joints or `everywhere`."""
+        own = self._expressions.damping(t, q, u, F)[int(everywhere)]
         if self.change is None:
             return own
         return own + self.change.damping(t, q, u, F)

@@ -107,9 +107,9 @@ class Reduced(LogModel):
         """u̇ of all free speeds at rows."""
         return self.whole.at(self.completed(rows))
 
-    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+    def damping(self, t: Array, q: Array, u: Array, F: Array, everywhere: bool = False) -> Array:
         """Generalized forces of the model's own dampers, of all free speeds."""
-        return self.whole.damping(t, *self._complete(t, q, u), F)
+        return self.whole.damping(t, *self._complete(t, q, u), F, everywhere)
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, n): the speeds."""

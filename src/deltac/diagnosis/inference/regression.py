@@ -295,16 +295,22 @@ def _between_rows(point: Point) -> Array:
     """What forces do that are otherwise between rows, by a unit of that (N, 2n, k).
 
     A straight line lacks the bend of a cubic spline, and both lack what a quintic adds. Neither is noise: it
-    goes with the motion, as what a cause does.
+    goes with the motion, as what a cause does. Of erratic forces, whose rows tell nothing of what is between
+    them, those of either row may count otherwise by as large a share as is likely of their noise.
     """
     forces, h = point.forces, point.log.intervals.h
-    logged = forces.logged
+    logged, share = forces.logged, point.noise.share
     bend, gap = (logged.bends[0] - logged.bends[1]) / 12.0, logged.gap
+    first = share * (logged.first - logged.first.mean(axis=0))
+    last = first + share * logged.change
     other = {"ramp": (bend, gap), "smooth": (gap,), "step": (gap,)}
     columns = [np.zeros((len(h), 2 * point.model.n, 0))]
-    doubted = [k for k, kind in enumerate(forces.kinds) if kind in other]
-    for k, response in enumerate(point.flow.force_responses if doubted else ()):
-        for size in other[forces.kinds[k]] if k in doubted else ():
+    each = [
+        (first, last) if erratic and share > 0.0 else other.get(kind, ())
+        for kind, erratic in zip(forces.kinds, logged.erratic, strict=True)
+    ]
+    for k, response in enumerate(point.flow.force_responses if any(each) else ()):
+        for size in each[k]:
             if np.any(size[:, k]):
                 du = response * h * size[:, k : k + 1]
                 columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])

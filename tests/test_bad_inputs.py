@@ -210,6 +210,12 @@ def test_a_log_of_deltac_needs_no_draft(tmp_path: Path) -> None:
         read_mapping(tmp_path / "none.toml")
 
 
+def test_a_column_of_texts_is_named_with_its_first_value() -> None:
+    log = {"time": T, "q.hinge": ["up"] * len(T), "u.hinge": 0.0 * T}
+    with pytest.raises(dc.InputError, match=r"'q\.hinge'.*'up'"):
+        dc.audit(M, log)
+
+
 def test_degrees_for_radians_are_suspected() -> None:
     with pytest.warns(dc.SuspicionWarning, match="radians"):
         M.state({"hinge": 60})

@@ -163,7 +163,8 @@ class Collector:
         if array.ndim == 1 and (seconds := seconds_of(array)) is not None:
             array, unit = seconds, "s"
         if array.dtype.kind in "OSU":
-            self.skip(name, "holds texts or other objects, not numbers")
+            such = "".join(f", such as {shown(x)}" for x in array.ravel()[:1].tolist())
+            self.skip(name, f"holds texts or other objects{such}, not numbers")
         elif array.dtype.kind not in "iufb":
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
         elif not array.size:

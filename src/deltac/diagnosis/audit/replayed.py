@@ -203,7 +203,7 @@ def _with_actuators(
 ) -> Trajectory | None:
     """The log with the forces of actuators by its controls; None where these do not tell them.
 
-    They do not tell forces that vary with the state over several steps between rows.
+    They do not tell forces that vary with the state between rows.
     """
     run, _ = in_model_order(mechanism, reading.trajectory())
     controls = _controls(reading, program)
@@ -213,15 +213,14 @@ def _with_actuators(
     if not np.isfinite(controls[0]).all():
         return None
     one_step = np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max(initial=0.0) <= SAME_STEP
-    alone = of_controls_alone(program)
-    if not alone and not one_step:
+    # MuJoCo asks for forces once a step, but at each stage of RK4.
+    if not of_controls_alone(program) and (not one_step or solver_name(program) == "rk4"):
         return None
     forces = actuator_forces(program, run.q, run.u, controls[0])
     if forces is None:
         return None
     held = run.provenance.held
-    # Over several steps controls may have been others; stages of RK4 have forces of their own states.
-    if one_step and (alone or solver_name(program) != "rk4"):
+    if one_step:  # over several the controls may have been others
         held = (*(held or ()), *forces)
     provenance = replace(run.provenance, held=held)
     return replace(run, forces={**run.forces, **forces}, provenance=provenance)

@@ -181,7 +181,7 @@ def test_a_pendulums_zero_is_put_right(zero: float) -> None:
     assert told.factor == pytest.approx(zero, rel=1e-9)
 
 
-def test_what_takes_next_to_nothing_is_no_filter() -> None:
+def test_what_attenuates_next_to_nothing_is_no_filter() -> None:
     """Half of what is within two per cent of the Nyquist frequency: errors of steps look like that."""
     assert not LowPass((0.0, 4e-8), trapezoid=True, both_ways=True, forces=False).low_pass
     assert LowPass((0.0, 4e-2), trapezoid=True, both_ways=True, forces=False).low_pass

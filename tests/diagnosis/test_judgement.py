@@ -6,6 +6,7 @@ Over logs of all kinds: as programs write them, with planted faults, replayed, i
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -269,13 +270,42 @@ def test_a_policys_log_of_this_model_has_no_joules_of_mistakes(tmp_path: Path) -
     assert audit.attribution.integrator.energy == pytest.approx(exact.integrator.energy, rel=1e-2)
 
 
-ARM = """<mujoco model="arm"><option timestep="0.002" integrator="RK4"/><worldbody>
+ARM = """<mujoco model="arm"><option timestep="0.002" integrator="{integrator}"/><worldbody>
  <body><joint name="shoulder" axis="0 1 0" damping="{damping}"/>
   <inertial pos="0 0 -.35" mass="2" diaginertia=".03 .03 .01"/>
   <body pos="0 0 -.7"><joint name="elbow" axis="0 1 0" damping=".1"/>
    <inertial pos="0 0 -.3" mass="1" diaginertia=".02 .02 .008"/></body></body></worldbody>
  <actuator><motor name="A" joint="shoulder" gear="{gear}"/><motor name="B" joint="elbow"/></actuator>
 </mujoco>"""
+RIGHT = {"damping": 0.2, "gear": 1.0, "integrator": "RK4"}
+
+
+def arm_log(
+    controls: Callable[[float], Any],
+    acting: Callable[[Any, Any], Any],
+    rows: int,
+    skip: int,
+    **model: Any,
+) -> dict[str, np.ndarray]:
+    """Rows of the arm by MuJoCo with these controls; of them and the speeds, what acts."""
+    mujoco = pytest.importorskip("mujoco")
+    compiled = mujoco.MjModel.from_xml_string(ARM.format(**{**RIGHT, **model}))
+    data = mujoco.MjData(compiled)
+    data.qpos[:] = 0.7, -0.3
+    log: dict[str, list[Any]] = {name: [] for name in ("time", "qpos", "qvel", "ctrl")}
+    for _ in range(rows):
+        data.ctrl[:] = controls(data.time)
+        for name, column in log.items():
+            column.append(np.copy(getattr(data, name)))
+        data.ctrl[:] = acting(np.copy(data.ctrl), data.qvel)
+        mujoco.mj_step(compiled, data, skip)
+    return {name: np.array(column) for name, column in log.items()}
+
+
+def arm(folder: Path, **wrong: Any) -> str:
+    """The file of the arm."""
+    (folder / "arm.xml").write_text(ARM.format(**{**RIGHT, **wrong}), "utf-8")
+    return str(folder / "arm.xml")
 
 
 @pytest.mark.parametrize(
@@ -287,23 +317,33 @@ def test_mistakes_beside_torques_that_are_new_at_each_row(
     wrong: dict[str, float], kind: str, true: float, tmp_path: Path
 ) -> None:
     """A policy's torques look like noise, until it is told that they are held from row to row."""
-    mujoco = pytest.importorskip("mujoco")
-    right = {"damping": 0.2, "gear": 1.0}
-    model = mujoco.MjModel.from_xml_string(ARM.format(**right))
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    data.qpos[:] = 0.7, -0.3
-    log: dict[str, list[Any]] = {name: [] for name in ("time", "qpos", "qvel", "ctrl")}
-    for _ in range(400):
-        data.ctrl[:] = rng.uniform(-4.0, 4.0, model.nu)
-        for name, column in log.items():
-            column.append(np.copy(getattr(data, name)))
-        mujoco.mj_step(model, data, SKIP)
-    given = tmp_path / "arm.xml"
-    given.write_text(ARM.format(**{**right, **wrong}), "utf-8")
-    audit = dc.audit(str(given), {name: np.array(column) for name, column in log.items()})
+    rng = np.random.default_rng(0)
+    log = arm_log(lambda t: rng.uniform(-4.0, 4.0, 2), lambda ctrl, _: ctrl, 400, SKIP)
+    audit = dc.audit(arm(tmp_path, **wrong), log)
     assert audit.verdict.kind == "equation-error"
     [cause] = audit.causes
     assert cause.kind == kind and cause.values[0] == pytest.approx(true, rel=1e-6)
+
+
+def waves(t: float) -> tuple[float, float]:
+    return 4.0 * np.sin(5.0 * t), 2.0 * np.cos(7.0 * t)
+
+
+def test_friction_that_the_model_lacks_is_named_by_its_controls(tmp_path: Path) -> None:
+    """It is smoothed at reversals, so that the law of Coulomb leaves more than a millionth of the misses."""
+    log = arm_log(waves, lambda ctrl, u: ctrl - 0.2 * np.tanh(20.0 * u), 600, 1, integrator="Euler")
+    audit = dc.audit(arm(tmp_path, integrator="Euler"), log)
+    assert audit.verdict.kind == "equation-error"
+    told = {(c.kind, c.element): c.values[0] for c in audit.causes}
+    for joint in ("shoulder", "elbow"):
+        assert told["missing-friction", joint] == pytest.approx(0.2, rel=0.1)
+
+
+def test_noise_on_the_controls_accuses_no_model(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    log = arm_log(waves, lambda ctrl, _: ctrl + 0.2 * rng.standard_normal(2), 600, 1)
+    audit = dc.audit(arm(tmp_path), log)
+    assert audit.verdict.kind == "unresolved" and "F-NOT-REPLAYED" in codes(audit)
 
 
 # --- the same numbers in other containers -----------------------------------------------------------

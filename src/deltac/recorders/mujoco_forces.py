@@ -168,7 +168,7 @@ def actuator_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | N
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
-        data.efc_force[:] = 0.0  # memory that nobody has set before the constraints are solved
+        data.efc_force[:] = 0.0  # unset until the constraints are solved
         lost = _Remainders.of(model, data, elements)
         rows.append(dict(_actuators(model, data, elements, lost)))
     names = [f"actuator {name}" for name in elements.actuators]

@@ -102,10 +102,10 @@ class LowPass:
 
     @property
     def low_pass(self) -> bool:
-        """Whether it is late or of zero phase, takes a tenth of some frequency, and amplifies none.
+        """Whether it is late or of zero phase, attenuates some frequency by a tenth, and amplifies none.
 
-        The inverse of an amplifier could cancel a motion of a single mode; what takes next to nothing, but
-        near the Nyquist frequency, is an error of steps.
+        The inverse of an amplifier could cancel a motion of a single mode. What attenuates next to nothing,
+        or only near the Nyquist frequency, imitates errors of steps.
         """
         frequencies = np.pi * np.geomspace(SLOWEST, 0.99, 400)
         own, rest = (
@@ -113,8 +113,8 @@ class LowPass:
             for w in self._weights
         )
         late = self.both_ways or self.numbers[0] > 0.0
-        takes = np.any(((1.0 - ROUGHLY) * own >= rest)[frequencies <= (1.0 - ROUGHLY) * np.pi])
-        return bool(late and takes and np.all(own >= (1.0 - SMALL_SHARE) * rest))
+        attenuates = np.any(((1.0 - ROUGHLY) * own >= rest)[frequencies <= (1.0 - ROUGHLY) * np.pi])
+        return bool(late and attenuates and np.all(own >= (1.0 - SMALL_SHARE) * rest))
 
     @property
     def delay(self) -> float:

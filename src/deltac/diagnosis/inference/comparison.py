@@ -214,7 +214,7 @@ def _compared(point: Point, before: Posterior | None) -> HypothesisComparison:
     closes = other.maps and other.excess <= KNOWN
     alone = other.posterior.best.chosen and not comparison.posterior.best.chosen
     likelier = not len(point.coefficients) and other.evidence > comparison.evidence + CERTAIN
-    likelier &= bool(other.maps) or not comparison.maps  # a method that closes them is no accident
+    likelier &= bool(other.maps) or not comparison.maps  # no method is lost for it
     return other if closes or alone or likelier else comparison
 
 

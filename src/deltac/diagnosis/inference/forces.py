@@ -87,7 +87,7 @@ class LoggedForce:
 
     @cached_property
     def erratic(self) -> NDArray[np.bool_]:
-        """Columns (m,) of which two rows tell what is between them no better than the mean of all does."""
+        """Columns (m,) of which the mean of its neighbours predicts a row no better than that of all rows."""
         first, half = self.first, 0.5 * (self.change[1:] - self.change[:-1])
         return np.asarray(np.mean(half**2, axis=0) > np.var(first, axis=0))
 

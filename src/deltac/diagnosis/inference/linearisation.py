@@ -450,8 +450,8 @@ class ProcessNoise:
     forces   noise of logged ones, and what erratic ones did in such intervals
     doubt    what forces that are smooth do otherwise than a spline
     across   what a solver does to keep constraints
-    share    of the latter's standard deviations that is likely
     beyond   standard deviations (N, 2n) of what the series in the step leaves out
+    share    of the standard deviations of noise of forces that is likely, and is in `forces`
     """
 
     flow: Array
@@ -891,12 +891,12 @@ class Point:
         moved = self
         if self.flow.plant is not self.model:
             moved = moved.with_flow(plant=self.model).with_tangent()
-        unknown, known = self.log.unknown, moved.with_noise_of_rows().log
+        log = moved.with_noise_of_rows().log
         start, end = (
-            np.where(unknown, now, shown)
-            for now, shown in zip(self.log.noise, known.noise, strict=True)
+            np.where(log.unknown, now, anew)
+            for now, anew in zip(self.log.noise, log.noise, strict=True)
         )
-        moved = replace(moved, log=replace(known, noise=(start, end)))
+        moved = replace(moved, log=replace(log, noise=(start, end)))
         every = (*self.own[0], kernels)
         columns = tuple(column for one in every for column in one.columns)
         moved = replace(moved, own=(every, candidates(equations, columns)), built=None)

@@ -295,8 +295,8 @@ def _between_rows(point: Point) -> Array:
     """What forces do that are otherwise between rows, by a unit of that (N, 2n, k).
 
     A straight line lacks the bend of a cubic spline, and both lack what a quintic adds. Neither is noise: it
-    goes with the motion, as what a cause does. Of erratic forces, whose rows tell nothing of what is between
-    them, those of either row may count otherwise by as large a share as is likely of their noise.
+    goes with the motion, as what a cause does. Rows of erratic forces tell nothing of what is between them:
+    how much either of its rows counts in an interval is free, within the share of their noise that is likely.
     """
     forces, h = point.forces, point.log.intervals.h
     logged, share = forces.logged, point.noise.share

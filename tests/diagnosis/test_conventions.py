@@ -113,6 +113,17 @@ def test_the_log_itself_has_no_doubt() -> None:
     assert not [f for f in found.findings if f.weight != "note"]
 
 
+def test_the_force_of_one_joint_with_the_other_sign() -> None:
+    """Both remedies that are told make the log consistent."""
+    force = run().forces["actuator m2"]
+    turned = replace(run(), forces={**run().forces, "actuator m2": -force})
+    (doubt,) = [f for f in dc.audit(mechanism(), turned).findings if f.weight == "doubt"]
+    assert (doubt.kind, doubt.element) == ("force-sign", "knee")
+    other = scaled((1.0, 1.0, -1.0))(run())
+    (doubt,) = [f for f in dc.audit(mechanism(), other).findings if f.weight == "doubt"]
+    assert (doubt.kind, doubt.element) == ("axis-sign", "knee")
+
+
 @pytest.mark.slow  # by smaller angles: tests/diagnosis/test_sizes_of_geometry.py
 def test_another_axis_of_a_joint() -> None:
     found = dc.audit(mechanism("x"), run())

@@ -183,6 +183,44 @@ def test_numbers_that_were_fitted_to_the_memory_of_a_method_have_a_price() -> No
     assert likeliest_of(np.stack([r, 1e-3 * r], axis=2), np.array([0, 7])) == 1
 
 
+SERVO = """<mujoco><option timestep="2e-3" integrator="{}"/><worldbody><body><joint name="upper" axis="0 1 0"
+    damping="0.05"/><inertial pos="0 0 -0.2" mass="0.8" diaginertia="0.01 0.01 0.01"/><body pos="0 0 -0.4">
+    <joint name="lower" axis="0 1 0"/><inertial pos="0 0 -0.15" mass="0.3" diaginertia="0.003 0.003 0.001"/>
+    </body></body></worldbody><actuator>
+    <position joint="lower" kp="6" kv="0.1" gear="2"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize(
+    ("integrator", "name"),
+    [
+        ("implicitfast", "implicit-all-damping-euler"),
+        ("implicit", "implicit-speed-euler"),
+        ("Euler", "implicit-damping-euler"),
+    ],
+)
+def test_mujocos_implicit_methods_take_the_damping_of_servos_too(
+    integrator: str, name: str, every: int
+) -> None:
+    """Their force is logged; its damping at the end of a step looks like a rotor of inertia h·kv·gear²."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
+    model = mujoco.MjModel.from_xml_string(SERVO.format(integrator))
+    data, rows = mujoco.MjData(model), list[tuple[float, Array, Array, float]]()
+    data.qpos[:] = 0.9, -0.4
+    for k in range(1200):
+        data.ctrl[0] = np.sin(7e-3 * k)
+        q, u = data.qpos.copy(), data.qvel.copy()
+        mujoco.mj_step(model, data)
+        rows.append((k * 2e-3, q, u, float(data.qfrc_actuator[1])))
+    t, states, speeds, force = (np.array(x)[::every] for x in zip(*rows, strict=True))
+    log = {"time": t, "qpos": states, "qvel": speeds, "qfrc_actuator": np.outer(force, [0.0, 1.0])}
+    audit = dc.audit(model, log)
+    assert audit.verdict.kind != "equation-error" and not audit.causes
+    if every == 1:
+        assert audit.verdict.kind == "integration-error"
+        assert audit.integrator is not None and audit.integrator.names == (name,)
+
+
 @pytest.mark.parametrize(
     ("integrator", "name"),
     [("Euler", "implicit-damping-euler"), ("implicitfast", "implicit-all-damping-euler")],

@@ -76,6 +76,43 @@ def test_rotors_that_no_joint_has_are_named() -> None:
         assert cause.values[0] == pytest.approx(0.0, abs=1e-6)
 
 
+def chain(armature: float) -> mujoco.MjModel:
+    """Links in a plane, the last of so little inertia that rotors are most of it; nothing turns the first."""
+    axes = ("1 0 0", "0 1 0", "0 1 0", "0 1 0")
+    links = "".join(
+        f"""<body pos="{0.25 if k else 0.0} 0 0"><joint name="j{k}" axis="{axis}" armature="{armature}"/>
+        <inertial pos="0.12 0 0" mass="{2.0 * 0.5**k}"
+        diaginertia="{0.005 * 0.5**k} {0.02 * 0.4**k} {0.02 * 0.4**k}"/>"""
+        for k, axis in enumerate(axes)
+    )
+    motors = "".join(f'<motor joint="j{k}" gear="{12.0 * 0.5**k}"/>' for k in range(1, len(axes)))
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{STEP}" integrator="implicitfast"/><worldbody>{links}'
+        f"{'</body>' * len(axes)}</worldbody><actuator>{motors}</actuator></mujoco>"
+    )
+
+
+@pytest.mark.long
+def test_rotors_that_the_model_lacks_in_all_joints_are_named() -> None:
+    """By the controls of MuJoCo's own log; the one that does not turn could have any rotor."""
+    true, rng = chain(0.02), np.random.default_rng(5)
+    data, rows = mujoco.MjData(true), list[tuple[float, Array, Array, Array]]()
+    for k in range(400):
+        if k % 20 == 0:
+            data.ctrl[:] = rng.uniform(-1.0, 1.0, true.nu)
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
+        mujoco.mj_step(true, data)
+    names = ("time", "qpos", "qvel", "ctrl")
+    log = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
+    found = dc.audit(chain(0.0), log)
+    assert found.verdict.kind == "equation-error"
+    assert {(c.kind, c.element) for c in found.causes} == {
+        ("missing-rotor-inertia", f"j{k}") for k in range(1, true.nv)
+    }
+    for cause in found.causes:
+        assert cause.values[0] == pytest.approx(0.02, abs=4.0 * cause.errors[0] + 1e-9)
+
+
 def energy(model: mujoco.MjModel, q: Array, u: Array) -> float:
     """Kinetic and potential energy by MuJoCo itself, J."""
     data = mujoco.MjData(model)

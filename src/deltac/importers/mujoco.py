@@ -29,6 +29,7 @@ from deltac.importers.names import (
     joint_names,
     model_name,
     motor_strengths,
+    servo_damping,
     sole_actuators,
     tendon_names,
 )
@@ -393,7 +394,10 @@ def read_mechanism(
         visuals=read_visuals(model),
     )
     starts = _starts(model, mechanism)
-    return mechanism, findings.report(name, starts=starts, strengths=motor_strengths(model))
+    report = findings.report(
+        name, starts=starts, strengths=motor_strengths(model), servo_damping=servo_damping(model)
+    )
+    return mechanism, report
 
 
 def _starts(model: Any, mechanism: Mechanism) -> dict[str, State]:

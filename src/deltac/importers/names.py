@@ -136,3 +136,21 @@ def motor_strengths(model: Any) -> Strengths:
             gear = np.asarray(model.actuator_gear)[first[k] : first[k] + count[k]].ravel()
             strengths[name] = tuple(float(x) for x in model.actuator_gainprm[k, 0] * gear)
     return strengths
+
+
+def servo_damping(model: Any) -> dict[str, float]:
+    """Speed of a hinge or slide -> damping in the laws of its servos, N·s/m or N·m·s/rad, if there is any."""
+    import mujoco
+
+    damping: dict[str, float] = {}
+    speeds, affine = speed_names(model), int(mujoco.mjtBias.mjBIAS_AFFINE)
+    moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    for k in range(model.nu):
+        joint = int(model.actuator_trnid[k, 0])
+        on_joint = int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        own = on_joint and int(model.jnt_type[joint]) in moving
+        size = -float(model.actuator_biasprm[k, 2]) * float(model.actuator_gear[k, 0]) ** 2
+        if own and int(model.actuator_biastype[k]) == affine and size:
+            speed = speeds[int(model.jnt_dofadr[joint])]
+            damping[speed] = damping.get(speed, 0.0) + size
+    return damping

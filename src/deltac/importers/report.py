@@ -48,6 +48,7 @@ class ImportReport:
 
     `equalities`: those of `ignored` equalities that have a counterpart, as the exact constraints that
     they would be; `strengths`: of simple motors, force per unit of control (see `motor_strengths`);
+    `servo_damping`: damping in the laws of servos by speed, N·s/m or N·m·s/rad;
     `starts`: the states of the model's keyframes by their names, then MuJoCo's reference, "qpos0".
     """
 
@@ -57,6 +58,7 @@ class ImportReport:
     assumed: tuple[Remark, ...] = ()
     equalities: tuple[Constraint, ...] = ()
     strengths: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    servo_damping: Mapping[str, float] = field(default_factory=dict)
     starts: Mapping[str, State] = field(default_factory=dict)
 
     @property
@@ -121,6 +123,7 @@ class Findings:
         *,
         starts: Mapping[str, State],
         strengths: Mapping[str, tuple[float, ...]] | None = None,
+        servo_damping: Mapping[str, float] | None = None,
     ) -> ImportReport:
         """The report of a source, when all is read."""
         return ImportReport(
@@ -130,5 +133,6 @@ class Findings:
             tuple(self.assumed),
             tuple(self.equalities),
             strengths or {},
+            servo_damping or {},
             starts,
         )

@@ -109,6 +109,7 @@ class Provenance:
     stage      of which instant accelerations and forces are, in words of a recorder
     looked_for kinds of channels that a recorder logs where they act; `acted`: channels that did
     strengths  channel of an actuator -> its generalized force at unit control, by speed
+    servo_damping  speed -> damping that is in the force of its servo, N·s/m or N·m·s/rad
     derived    "u", "udot": what was derived from the other columns -> largest error by speed
     converted  columns that a reader converted, with their units; `ignored`: those it did not use
     reading    what columns of a foreign log were read as, and because of what, in one line
@@ -140,6 +141,7 @@ class Provenance:
     looked_for: tuple[str, ...] = ()
     acted: tuple[str, ...] = ()
     strengths: Mapping[str, Sequence[float]] = field(default_factory=dict, hash=False)
+    servo_damping: Mapping[str, float] = field(default_factory=dict, hash=False)
     derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
     converted: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()

@@ -667,6 +667,9 @@ def _inference_of_rows(
     """
     mechanism, ledger = reference.mechanism, log.ledger
     rows = _without_own_laws(mechanism, log.consecutive)
+    if reference.import_report is not None:
+        servos = reference.import_report.servo_damping
+        rows = replace(rows, provenance=replace(rows.provenance, servo_damping=servos))
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     begun = None
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
@@ -1007,7 +1010,7 @@ def _attributed(
             equations = Share(departures.equations, np.zeros_like(bar))
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
-        whole = len(own.t) == len(t) - 1 and not departures.log.any()
+        whole = len(own.t) == len(t) - 1
         varying = inference.knows_stages and any(kind != "start" for kind in inference.forces)
         if inference.methods and whole and not varying:
             # A step's own works and those of the flow from its row differ where forces depend on the state.

@@ -380,15 +380,30 @@ def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
 
 def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
     names, units = _named(mechanism, run)
-    same = np.eye(len(names))
-    for name, own, speed in zip(names, same, _rates(run)[:, 1]):
+    same, speeds = np.eye(len(names)), _rates(run)[:, 1]
+    driven = [any(force[:, k].any() for force in run.forces.values()) for k in speeds]
+    for name, own, speed, acted in zip(names, same, speeds, driven):
         what, turned = f"{name!r} has the opposite direction", same - 2.0 * np.diag(own)
         remedy = "Turn the axis of this joint in the model, or change the sign of its coordinate, speed and "
         remedy += "force in the log"
-        if any(force[:, speed].any() for force in run.forces.values()):
-            yield Reading("axis-sign", name, what + ", its forces have not", remedy, turned)
+        if acted:
             negated = partial(_negated_at, int(speed))
+            yield Reading(
+                "axis-sign",
+                name,
+                what + ", its forces have not",
+                "Change the sign of this coordinate and of its speed in the log, not that of its forces",
+                turned,
+            )
             yield Reading("axis-sign", name, what, remedy, turned, 0.0, negated, "cause")
+            if sum(driven) > 1:
+                yield Reading(
+                    "force-sign",
+                    name,
+                    f"the forces on {name!r} have the opposite sign",
+                    "Change their sign in the log, or that of the motor's gear in the model",
+                    forces=negated,
+                )
         else:
             yield Reading("axis-sign", name, what, remedy, turned, weight="cause")
     before = _before(mechanism, names)

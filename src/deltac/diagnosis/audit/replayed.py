@@ -165,6 +165,8 @@ def _unasked(
 ) -> Attempt:
     """The replay of a log that lacks the forces of the channels `missing`, or why there is none."""
     if program.nu and not _controls(reading, program):
+        if not any(name.startswith("actuator ") for name in missing):
+            return Attempt(None)  # their forces are logged
         return _not_replayed(
             "the log has neither controls nor forces: most of what moved the model is unknown",
             f"missing: ctrl (T, {program.nu}), or the forces of {listed(map(repr, missing))}",

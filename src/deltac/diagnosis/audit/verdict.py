@@ -669,8 +669,8 @@ def _evidence(e: Judgement) -> Iterator[str]:
         )
     if e.kind == "integration-error":
         step = e.run.provenance.step
-        at = f"The step was {step:g} s: use" if step else "Use"
-        yield f"{at} a smaller one, or a method of higher order"
+        at = f"The step was {step:g} s: use a smaller one" if step else "Use a smaller step"
+        yield f"{at}, or a method of higher order"
     if e.kind == "equation-error" and e.integrator > 0.5:
         yield "The integrator's share exceeds the tolerance as well"
 

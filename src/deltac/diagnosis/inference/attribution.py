@@ -138,7 +138,8 @@ def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     spread = np.abs(np.stack([*curves, *forces, *near]) - curves[0]).max(axis=0)
     residual = flow.w - defects[0] - comparison.effects
     # Where they leave more than the rows' noise, the rest may be the integrator's, or lost forces'.
-    known = np.where(log.unknown | (comparison.counts > 1)[:, None], 0.0, at.gradient)
+    lost = (comparison.counts > 1) | point.forces.switching.any(axis=1)
+    known = np.where(log.unknown | lost[:, None], 0.0, at.gradient)
     # Noise of rows does not add up: what the one adds the next takes away.
     rest = np.maximum.accumulate(np.abs(np.cumsum(np.einsum("km,km->k", known, residual))))
     beyond = np.sqrt(max(1.0 - 1.0 / max(comparison.excess, 1.0), 0.0)) * rest
@@ -255,6 +256,10 @@ def attributed(
     unknown = np.einsum("km,kmn,kn->k", at.gradient, Q, at.gradient)
     rest = log.running(jump) - integrator.curve - equations.curve
     error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * comparison.tau))
+    changed = np.where(point.forces.switching, point.forces.logged.change, 0.0) / np.sqrt(12.0)
+    if changed.any():  # all of them perhaps earlier, or later, than in the middle of two rows
+        moved = point.flow.moved_by_forces(np.stack([changed] * 5))
+        error = np.hypot(error, np.abs(log.running(at.work(moved))))
     of_log = _of_causes(comparison, comparison.posterior.best, of_log=True).curve
     unexplained = np.maximum(np.abs(rest - of_log) - SIGNIFICANT * error, 0.0)
     return Attribution(log.intervals.end.t, integrator, equations, Share(rest, error)), unexplained

@@ -262,6 +262,13 @@ class InterpolatedForces:
         keeps = np.mean(self.logged.change == 0.0, axis=0)
         return tuple(bool(0.5 < share < 1.0) for share in keeps)
 
+    @property
+    def switching(self) -> NDArray[np.bool_]:
+        """Where (N, m) stairs change between two rows, of which they have the mean there."""
+        own = zip(self.stairs, self.declared, self.kinds, strict=True)
+        some = [stair and not known and kind == "mean" for stair, known, kind in own]
+        return np.asarray((self.logged.change != 0.0) & np.array(some, dtype=np.bool_))
+
     @cached_property
     def kinked(self) -> tuple[bool, ...]:
         """Whether columns may be piecewise linear: splines of two orders differ by a tenth of the bend."""

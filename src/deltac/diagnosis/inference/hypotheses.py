@@ -699,9 +699,10 @@ def several_of_one_kind(
     body. One after the other, something else that does a little of all that they do would be preferred.
     """
     none, sets = nothing(len(block.causes)), list[Fit]()
-    for some in _of_one_kind(candidates):
+    acting = np.flatnonzero(block.projected.raw).tolist()  # what stands still tells of no number
+    for some in _of_one_kind([c for c in candidates if not set(c.columns).isdisjoint(acting)]):
         fit: Fit | None = none
-        while fit is not None and len(some) > 1 and len(fit.chosen) < len(some):
+        while fit is not None and len(some) > 1 and len(fit.chosen) != len(some):
             fit = fitted((block,), some)
             if fit is not None:
                 each = zip(fit.chosen, fit.theta, exchanged(fit).tolist(), strict=True)

@@ -67,7 +67,7 @@ from deltac.diagnosis.inference.linearisation import (
     start,
 )
 from deltac.diagnosis.inference.model import LogModel
-from deltac.diagnosis.inference.observations import observations
+from deltac.diagnosis.inference.observations import EVERY_STEP, observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import (
     by_accelerations,
@@ -163,7 +163,12 @@ class Unclosed:
                 if self.alone and self.alone.closes and not own.finds_something:
                     # Causes that some rows suggest have no odds in all rows, which follow without causes.
                     return _with_excluded(self.alone, own)
-                if own.closes or (own.excess <= KNOWN and not own.finds_something):
+                if _follow_by_causes(own) and own.filter is None:
+                    # What they do in rows that were not looked at is not what they do in others.
+                    every = self._with_more_rows(point)
+                    more = None if every is point else self._beside_causes(every, own)
+                    return more if more and _follow_by_causes(more) else own
+                if own.closes or own.excess <= KNOWN:
                     return own
                 if result is None or own.flow < result.flow:
                     result, before = own, found[1]
@@ -195,16 +200,36 @@ class Unclosed:
         hopeless = named and SMALL_SHARE**2 * own.excess >= 1.0
         if not (certain or hopeless):
             return None
-        every = replace(point, columns=[]).with_candidates(self.equations, self.kernels)
-        if None in alike(every.candidates, own.posterior.best.chosen):
-            every = every.with_candidates(self.equations, geometry_columns(self.equations))
-        forces = replace(point.forces, kinds=own.forces)
-        every = every.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
-        whole = _settled(every.narrowed(own.posterior), own.posterior, hopeless)
-        result = inferred(whole) if whole else None
-        if result and result.posterior.best.alike(own.posterior.best):
-            return _with_excluded(result, own) if hopeless or _follow_by_causes(result) else None
+        every = self._with_more_rows(point) if certain else point
+        result = self._beside_causes(every, own, hopeless)
+        if result is not None:
+            return result if hopeless or _follow_by_causes(result) else None
         return own if hopeless else None
+
+    def _with_more_rows(self, point: Point) -> Point:
+        """The point at more of the rows, where many columns left time for some: causes once known are few."""
+        if point.log.whole <= EVERY_STEP:
+            return point
+        most = int(np.clip(WORK / self.kernels.cost, LEAST_ROWS, MOST_ROWS))
+        log = observations(point.model, point.run, most)
+        if log is None or len(log.intervals) <= len(point.log.intervals):
+            return point
+        with suppress(*NO_MOTION):
+            return start(point.model, point.run, log, point.energy)
+        return point
+
+    def _beside_causes(self, rows: Point, own: Inference, rival: bool = False) -> Inference | None:
+        """The inference at other rows with the causes that some have; None where these prefer others."""
+        best = own.posterior.best
+        every = replace(rows, columns=[]).with_candidates(self.equations, self.kernels)
+        if None in alike(every.candidates, best.chosen):
+            every = every.with_candidates(self.equations, geometry_columns(self.equations))
+        forces = replace(rows.forces, kinds=own.forces)
+        every = every.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
+        whole = _settled(every.narrowed(own.posterior), own.posterior, rival)
+        if whole is None or not whole.posterior.best.alike(best):
+            return None
+        return _with_excluded(inferred(whole), own)
 
 
 def _follow_by_causes(result: Inference) -> bool:
@@ -915,8 +940,15 @@ def _with_further(built: HypothesisComparison, point: Point) -> HypothesisCompar
             break
         own = {c.name for c in best.chosen}
         sets = [*mistakes_of_one_kind(built.at, built.rows), searched(built.at, block, start=best)]
-        more = [one for one in sets if own < {c.name for c in one.best.chosen}]
-        tried = [one for one in (_at_causes(point, found) for found in more) if one is not None]
+        more = [
+            (block.share_left(x.best), x) for x in sets if own < {c.name for c in x.best.chosen}
+        ]
+        tried = list[HypothesisComparison]()
+        for _, found in sorted(more, key=_by_left):
+            one = _at_causes(point, found)
+            tried += [] if one is None else [one]
+            if one is not None and _nothing_left(one):
+                break
         likelier = _likelier(built, *tried)
         if likelier is built:
             break

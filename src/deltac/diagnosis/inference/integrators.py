@@ -204,6 +204,10 @@ def _implicit_in(what: str) -> Step:
                 for e in units
             )
             slopes = np.stack([(x - y) / (2.0 * d) for x, y in ends], axis=2)
+            if model.servos.any():
+                still = model.servo_damping(at.t, at.q, at.u)
+                change = [model.servo_damping(at.t, at.q, at.u + e) - still for e in units]
+                slopes += model.response(at.t, at.q, np.stack(change, axis=2))
         else:
             own = (F, what == "dampers")
             still = model.damping(at.t, at.q, at.u, *own)
@@ -667,6 +671,7 @@ class _Variation:
     """
 
     quaternions = ()
+    servos = np.zeros(0)
 
     def __init__(self, J: Sequence[Array], intervals: Intervals) -> None:
         nodes = [0, len(J) // 2, len(J) - 1]

@@ -15,7 +15,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.comparison import LESS, HypothesisComparison, compared
 from deltac.diagnosis.inference.forces import FORCES, HELD, InterpolatedForces, impulse
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, autocorrelation_time, nothing
-from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, Point
+from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, Point, likelihood_of
 from deltac.diagnosis.inference.methods import PARTS
 from deltac.diagnosis.inference.result import OF_DELAYS
 
@@ -40,6 +40,9 @@ def with_likeliest_forces(point: Point, best: Fit | None = None) -> Point:
     if point.forces.filter is not None or point.forces_known:
         return point
     best = best or nothing(len(point.coefficients))
+    stairs = _with_stairs(point)
+    if stairs is not point:
+        return stairs
     for _ in range(RELINEARISATIONS):
         forces = _likeliest_forces(point, best)
         same = forces.kinds == point.forces.kinds
@@ -48,6 +51,32 @@ def with_likeliest_forces(point: Point, best: Fit | None = None) -> Point:
         # What forces do otherwise between rows looked like noise of the rows.
         point = point.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
     return point
+
+
+def _with_stairs(point: Point) -> Point:
+    """The point at which forces are held that keep their values from most rows to the next.
+
+    They change at rows, or else at any instant between two, of which they have the mean then. Itself where
+    neither is likelier.
+    """
+    forces = point.forces
+    if not any(forces.stairs):
+        return point
+
+    def likelihood(one: Point) -> float:
+        Phi = one.tangent.Phi
+        w = one.errors(one.flow.end, Phi)
+        return likelihood_of(one.log, Phi, one.noise.total, w, one.tangent.effects)
+
+    likeliest, most = point, likelihood(point) + CERTAIN
+    for held in ("start", "mean"):
+        kinds = [held if stair else kind for stair, kind in zip(forces.stairs, forces.kinds)]
+        other = point.with_flow(forces=forces.of(kinds))
+        if other.forces.kinds != forces.kinds:
+            other = other.with_noise_of_rows().with_process_noise()
+            if (now := likelihood(other)) > most:
+                likeliest, most = other, now + CERTAIN
+    return likeliest
 
 
 def with_filter(point: Point, best: Fit) -> Point:
@@ -114,6 +143,8 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
     often = bool(np.any(point.forces.logged.counts > counts))
 
     def acting(kind: str, stair: bool) -> str:
+        if stair and kind == "mean":
+            return kind
         if (stair or (often and kind == "step")) and held == "start":
             return held
         if method.order == 1 and kind == "end":

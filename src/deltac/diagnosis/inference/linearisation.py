@@ -538,7 +538,7 @@ def _unknown(
     Its own error, with digits of logged forces; across constraints, what a solver does to keep them. In
     intervals of which a step is `lost` a force may have taken any way from one row to the next: by its
     change, uniformly, or at random where it is erratic. In others, one that is smooth may differ from its
-    spline.
+    spline, and one that is held may change at any instant.
     """
     model, h, at = flow.plant, log.intervals.h, flow.nodes[0]
     n, force, kinds = model.n, flow.forces.logged, flow.forces.kinds
@@ -549,7 +549,8 @@ def _unknown(
     coarse = np.any(digits > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
     smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
     doubt, ends = (np.where(smooth, x, 0.0) for x in (force.doubt, force.ends))
-    some = coarse.any() or noise.any() or lost.any() or doubt.any()
+    ends = np.where(flow.forces.switching, np.abs(force.change) / np.sqrt(12.0), ends)
+    some = coarse.any() or noise.any() or lost.any() or doubt.any() or ends.any()
     own, white, moves = list[Array](), list[Array](), list[Array]()
     for k, response in enumerate(flow.force_responses if some else []):
         for columns, size in ((own, digits), (white, noise)):
@@ -760,6 +761,9 @@ class Point:
     def with_noise_of_rows(self) -> Point:
         """With the noise of the rows that the flow shows: what it knows better was no noise."""
         w = self.errors(self.flow.end, self.tangent.Phi)
+        quiet = np.flatnonzero(~self.forces.switching.any(axis=1))
+        if len(quiet) < len(w):  # in the others it is that of the nearest
+            w = w[quiet[np.searchsorted(quiet, np.arange(len(w))).clip(max=len(quiet) - 1)]]
         return replace(self, log=self.log.with_noise(w))
 
     def with_process_noise(self) -> Point:

@@ -20,7 +20,15 @@ from deltac.diagnosis.inference.hypotheses import (
     nothing,
     price,
 )
-from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Integrator, Map, maps, parted
+from deltac.diagnosis.inference.integrators import (
+    BY_ALL_DAMPERS,
+    INTEGRATORS,
+    MOST_SPEEDS,
+    Integrator,
+    Map,
+    maps,
+    parted,
+)
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.regression import Regression, searched
 from deltac.diagnosis.inference.result import KNOWN, SLIGHT
@@ -140,6 +148,9 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
         c, covariance = _typical(series, fit).numbers(fit)
         near = parted(c[some], covariance[some, some], PARTS, flow.plant.damped)
         likely |= dict.fromkeys(near)
+        # What dampers elsewhere than in joints do is no field of its own.
+        by_all = next(method for method in INTEGRATORS if method.name == BY_ALL_DAMPERS)
+        likely |= dict.fromkeys((by_all, k) for own, k in near if own.order == 1)
     for method, k in likely:
         intervals, force, put_back = point.log.intervals, point.forces.between, flow.projected
         yield from maps(flow.plant, intervals, force, flow.counts, k, [method], projected=put_back)

@@ -177,7 +177,11 @@ class LogModel:
         )
         self._expressions = made
         self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
-        self.damped_elsewhere = made.damped_elsewhere
+        # What is in logged forces of servos some engines treat implicitly as well.
+        driven = {k for n, at in self.log.places.items() if n.kind == "actuator" for k in at}
+        of = run.provenance.servo_damping
+        self.servos = np.array([of.get(run.speeds[k], 0.0) * (k in driven) for k in free.u])
+        self.damped_elsewhere = made.damped_elsewhere or bool(self.servos.any())
         self.exponentials = True
         self.rated = run.udot is not None and "udot" not in run.provenance.derived
         self.change: _Change | None = None
@@ -268,11 +272,17 @@ class LogModel:
         return self.at(rows)
 
     def damping(self, t: Array, q: Array, u: Array, F: Array, everywhere: bool = False) -> Array:
-        """Generalized forces (T, n) of the model's own dampers, in joints or `everywhere`."""
+        """Generalized forces (T, n) of dampers, of the model's own in joints or of those `everywhere`."""
         own = self._expressions.damping(t, q, u, F)[int(everywhere)]
+        if everywhere:
+            own = own + self.servo_damping(t, q, u)
         if self.change is None:
             return own
         return own + self.change.damping(t, q, u, F)
+
+    def servo_damping(self, t: Array, q: Array, u: Array) -> Array:
+        """What of logged forces is damping by servos' own laws (T, n)."""
+        return np.asarray(-self.servos * u)
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates: their speeds, but for quaternions."""

@@ -111,6 +111,10 @@ class Reduced(LogModel):
         """Generalized forces of the model's own dampers, of all free speeds."""
         return self.whole.damping(t, *self._complete(t, q, u), F, everywhere)
 
+    def servo_damping(self, t: Array, q: Array, u: Array) -> Array:
+        """What of logged forces of all free speeds is damping by servos' own laws."""
+        return self.whole.servo_damping(t, *self._complete(t, q, u))
+
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, n): the speeds."""
         return u

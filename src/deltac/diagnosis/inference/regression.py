@@ -374,8 +374,11 @@ def _least_joules(at: Regression, block: Block) -> float:
 
 
 def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:
-    """The same mistake, made several times."""
-    least = max(_least_joules(at, block), SIX_DIGITS * at.point.energy)
+    """The same mistake, made several times.
+
+    How much the series leaves out is not known before such sets are built: each inflates it.
+    """
+    least = max(at.bias, SIX_DIGITS * at.point.energy)
     candidates = at.point.candidates
     sets = several_of_one_kind(block, candidates, lambda fit: at.exchanged(fit)[0], least)
     return [Posterior(fit, (), ()) for fit in sets]

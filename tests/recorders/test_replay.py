@@ -245,6 +245,43 @@ def test_servos_push_as_their_law_says_beside_noise(integrator: str) -> None:
     assert abs(told.energy - true.energy) <= 2.0 * told.error
 
 
+def test_the_bar_of_a_replay_covers_what_works_within_a_step_are_off_by() -> None:
+    """Dampers are stiff beside the step: the work of RK4's own stages is not that of the exact motion.
+
+    The true joules are those of each step beyond fifty short ones under the same control.
+    """
+    source = """<mujoco><option timestep="{}" integrator="RK4"/><worldbody><body>
+        <joint name="arm" axis="0 1 0" damping="0.6"/><inertial pos="0 0 -0.3" mass="0.5" diaginertia="0.01 0.01 0.01"/><body pos="0 0 -0.6">
+        <joint name="wrist" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -0.02" mass="0.1"
+        diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody><actuator><motor joint="wrist"/></actuator>
+        </mujoco>"""
+    model, fine = (mujoco.MjModel.from_xml_string(source.format(h)) for h in (4e-3, 4e-3 / 50))
+    fine.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
+    data, other, rows, joules = mujoco.MjData(model), mujoco.MjData(fine), [], 0.0
+
+    def energy(q: Any, u: Any) -> float:
+        other.qpos[:], other.qvel[:] = q, u
+        mujoco.mj_forward(fine, other)
+        return float(other.energy.sum())
+
+    data.qpos[0] = 1.0
+    for k in range(500):
+        data.ctrl[0] = 0.8 * np.sign(np.sin(0.15 * (k // 5)))
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy(), data.ctrl.copy()))
+        other.qpos[:], other.qvel[:], other.ctrl[:] = data.qpos, data.qvel, data.ctrl
+        for _ in range(50):
+            mujoco.mj_step(fine, other)
+        exact = energy(other.qpos.copy(), other.qvel.copy())
+        mujoco.mj_step(model, data)
+        joules += energy(data.qpos, data.qvel) - exact if k < 499 else 0.0
+    names = ("time", "qpos", "qvel", "ctrl")
+    log = dict(zip(names, (np.round(x, 4) for x in map(np.array, zip(*rows))), strict=True))
+    found = dc.audit(model, log)
+    assert finding_code("replayed") in codes(found) and found.attribution is not None
+    told = found.attribution.integrator
+    assert told.energy == pytest.approx(joules, abs=2.0 * told.error)
+
+
 def test_noise_is_no_departure_from_the_model() -> None:
     """Servos vary within a step of RK4, so that their forces cannot be told; nobody is accused for that."""
     found = dc.audit(servos("RK4", 20), with_noise(servo_log("RK4")))

@@ -251,9 +251,11 @@ def test_the_bar_of_a_replay_covers_what_works_within_a_step_are_off_by() -> Non
     The true joules are those of each step beyond fifty short ones under the same control.
     """
     source = """<mujoco><option timestep="{}" integrator="RK4"/><worldbody><body>
-        <joint name="arm" axis="0 1 0" damping="0.6"/><inertial pos="0 0 -0.3" mass="0.5" diaginertia="0.01 0.01 0.01"/><body pos="0 0 -0.6">
-        <joint name="wrist" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -0.02" mass="0.1"
-        diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody><actuator><motor joint="wrist"/></actuator>
+        <joint name="arm" axis="0 1 0" damping="0.6"/>
+        <inertial pos="0 0 -0.3" mass="0.5" diaginertia="0.01 0.01 0.01"/><body pos="0 0 -0.6">
+        <joint name="wrist" axis="0 1 0" damping="0.1"/>
+        <inertial pos="0 0 -0.02" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/></body></body></worldbody>
+        <actuator><motor joint="wrist"/></actuator>
         </mujoco>"""
     model, fine = (mujoco.MjModel.from_xml_string(source.format(h)) for h in (4e-3, 4e-3 / 50))
     fine.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY

@@ -76,3 +76,12 @@ def test_causes_that_all_rows_refuse_leave_a_log_that_follows_without_causes() -
     assert audit.verdict.kind == "consistent" and audit.attribution is not None
     # RK4's own are 7e-11 J; of methods that the noise does not exclude, those of order two have 1e-7 J.
     assert audit.attribution.integrator.error < 1e-6
+
+
+@pytest.mark.long
+def test_causes_that_some_rows_suggest_and_all_rows_refute_are_none() -> None:
+    """A four-bar by generalized-α: some rows had late forces beside a method that closes all of them."""
+    case = prepared(1046, 1424, "right", "", False)
+    assert case is not None
+    audit = dc.audit(case.model, case.log)
+    assert audit.verdict.kind != "equation-error" and not audit.causes

@@ -213,7 +213,7 @@ def test_mujocos_implicit_methods_take_the_damping_of_servos_too(
         mujoco.mj_step(model, data)
         rows.append((k * 2e-3, q, u, float(data.qfrc_actuator[1])))
     t, states, speeds, force = (np.array(x)[::every] for x in zip(*rows, strict=True))
-    log = {"time": t, "qpos": states, "qvel": speeds, "qfrc_actuator": np.outer(force, [0.0, 1.0])}
+    log = {"time": t, "qpos": states, "qvel": speeds, "tau": np.outer(force, [0.0, 1.0])}
     audit = dc.audit(model, log)
     assert audit.verdict.kind != "equation-error" and not audit.causes
     if every == 1:

@@ -49,14 +49,6 @@ def test_arrays_by_name_and_width(form: str, arrays: dict[str, Any], tmp_path: P
     assert {r.meaning for r in explain(path, None, NAMES)} >= {"time", "q.hip", "u.slide"}
 
 
-@pytest.mark.parametrize("name", ["tau", "qfrc_actuator"])
-def test_an_array_of_forces_at_all_speeds(name: str, tmp_path: Path) -> None:
-    arrays: dict[str, Any] = {"time": T, "qpos": Q, "qvel": U, name: 2.0 * U}
-    np.savez(tmp_path / "log.npz", **arrays)
-    run = read_trajectory(tmp_path / "log.npz", None, NAMES)
-    assert np.array_equal(sum(run.forces.values()), 2.0 * U)
-
-
 @pytest.mark.parametrize(
     "arrays",
     [

@@ -162,7 +162,9 @@ class Unclosed:
                     continue
                 if self.alone and self.alone.closes and not own.finds_something:
                     # Causes that some rows suggest have no odds in all rows, which follow without causes.
-                    return _with_excluded(self.alone, own)
+                    none = nothing(len(own.posterior.best.coefficients))
+                    without = replace(own.posterior, best=none, alternatives=())
+                    return _with_excluded(self.alone, replace(own, posterior=without))
                 if _follow_by_causes(own) and own.filter is None:
                     # What they do in rows that were not looked at is not what they do in others.
                     every = self._with_more_rows(point)

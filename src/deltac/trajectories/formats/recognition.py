@@ -63,7 +63,7 @@ _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("q", "qpos q qs positions position pos jointpos jointpositions dofpos"),
         ("u", "qvel v vs u qd dq qdot velocities velocity vel jointvel jointvelocities dofvel"),
         ("udot", "qacc vdot qdd ddq udot qddot a accelerations acceleration"),
-        ("force", "tau torque torques effort efforts jointtorques appliedtorques qfrcactuator"),
+        ("force", "tau torque torques effort efforts jointtorques appliedtorques"),
     )
 )
 """Names of arrays: of coordinates, of speeds, accelerations, forces."""

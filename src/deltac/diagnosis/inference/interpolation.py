@@ -41,10 +41,14 @@ def with_likeliest_forces(point: Point, best: Fit | None = None) -> Point:
         return point
     best = best or nothing(len(point.coefficients))
     stairs = _with_stairs(point)
-    if stairs is not point:
+    own = zip(stairs.forces.stairs, stairs.forces.kinds, stairs.forces.declared, strict=True)
+    held = stairs is not point
+    known = [kind if stair and held else declared for stair, kind, declared in own]
+    if all(known):
         return stairs
+    point = stairs
     for _ in range(RELINEARISATIONS):
-        forces = _likeliest_forces(point, best)
+        forces = _likeliest_forces(point, best, known)
         same = forces.kinds == point.forces.kinds
         if same and np.array_equal(forces.logged.counts, point.forces.logged.counts):
             break
@@ -160,8 +164,11 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
     return point.with_flow(forces=forces if in_steps else forces.held(counts))
 
 
-def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
-    """How each logged force acts between two rows, by the likelihood beside the best causes."""
+def _likeliest_forces(point: Point, best: Fit, known: Sequence[str]) -> InterpolatedForces:
+    """How each logged force acts between two rows, by the likelihood beside the best causes.
+
+    That of some is `known`, else "".
+    """
     held, forces = _times_held(point), point.forces
     stairs = forces.held(held[0]) if held and "step" not in forces.kinds else forces
     kinds = [kind for kind in FORCES if kind != "step"]
@@ -182,7 +189,7 @@ def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
     current = np.array([FORCES[kind] for kind in forces.kinds])
     laws = [FORCES[kind] for kind in kinds]
     laws += [(0.0, 1.0, 1.0, float(np.mean(stairs.logged.counts / counts))) for counts in held]
-    own = [kinds.index(kind) if kind else -1 for kind in forces.declared]
+    own = [kinds.index(kind) if kind else -1 for kind in known]
     chosen = _likeliest_laws(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
     steps = [k - len(kinds) for k in chosen if k >= len(kinds)]
     if steps:

@@ -762,7 +762,7 @@ class Point:
         """With the noise of the rows that the flow shows: what it knows better was no noise."""
         w = self.errors(self.flow.end, self.tangent.Phi)
         quiet = np.flatnonzero(~self.forces.switching.any(axis=1))
-        if len(quiet) < len(w):  # in the others it is that of the nearest
+        if 0 < len(quiet) < len(w):  # in the others it is that of the nearest
             w = w[quiet[np.searchsorted(quiet, np.arange(len(w))).clip(max=len(quiet) - 1)]]
         return replace(self, log=self.log.with_noise(w))
 

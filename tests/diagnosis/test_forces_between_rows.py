@@ -929,17 +929,22 @@ def test_torques_of_which_most_were_not_logged_accuse_nobody(every: int) -> None
     assert audit.verdict.kind == "unresolved"
 
 
-@pytest.mark.parametrize(("times", "every"), [(7, 3), (5, 2), (9, 4)])
-@pytest.mark.parametrize("step", [rk4, semi_implicit_euler])
-def test_torques_that_change_at_steps_between_the_rows(step: Step, times: int, every: int) -> None:
-    """A controller that is asked in every seventh step, and a log of every third: no row tells when."""
+def asked_seldom(step: Step, times: int) -> tuple[Array, Array]:
+    """States (N, 2) and torques (N,) of a controller that is asked in every so many steps."""
     rows, torques, torque = [np.array([0.7, 0.0])], list[float](), 0.0
     for k in range(1800):
         if k % times == 0:
             torque = 5.0 * np.sin(9.0 * k * H) - 1.5 * float(rows[-1][1])
         torques.append(torque)
         rows.append(np.array(step(float(rows[-1][0]), float(rows[-1][1]), torque)))
-    x, acted = np.array(rows[:-1]), np.array(torques)
+    return np.array(rows[:-1]), np.array(torques)
+
+
+@pytest.mark.parametrize(("times", "every"), [(7, 3), (5, 2), (9, 4)])
+@pytest.mark.parametrize("step", [rk4, semi_implicit_euler])
+def test_torques_that_change_at_steps_between_the_rows(step: Step, times: int, every: int) -> None:
+    """No row tells when they changed."""
+    x, acted = asked_seldom(step, times)
     audit = dc.audit(MECHANISM, log(x, acted, np.arange(0, len(x), every)))
     assert not audit.causes and audit.attribution is not None
     joules, share = true_joules(x, acted), audit.attribution.integrator
@@ -947,3 +952,11 @@ def test_torques_that_change_at_steps_between_the_rows(step: Step, times: int, e
     assert share.error < 0.1 * np.abs(joules).max() + 1e-9
     small = np.abs(joules).max() < audit.tolerance * audit.reference_energy
     assert audit.verdict.kind == ("consistent" if small else "integration-error")
+
+
+def test_no_balance_of_gaps_contradicts_torques_that_change_between_the_rows() -> None:
+    x, acted = asked_seldom(rk4, 7)
+    rows = np.arange(0, len(x), 3)
+    audit = dc.audit(MECHANISM, log(x, acted, np.delete(rows, np.arange(300, 310))))
+    assert audit.verdict.kind == "consistent" and audit.attribution is not None
+    assert audit.attribution.integrator.error < 0.1 * audit.tolerance * audit.reference_energy

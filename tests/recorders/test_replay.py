@@ -327,6 +327,23 @@ def test_a_log_that_lacks_forces_is_replayed_unasked() -> None:
     assert len(dc.audit(str(MODEL), log, replay=False, time_limit=1e-9).run) == ROWS
 
 
+def test_contacts_that_never_touch_are_no_reason_to_ask_for_controls() -> None:
+    """The forces of all motors are logged, and controls would tell no more."""
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><geom type="plane" size="1 1 1" pos="0 0 -2"/><body>
+        <joint name="arm" axis="0 1 0"/><geom type="sphere" size="0.05" pos="0 0 -0.4" mass="1"/></body>
+        </worldbody><actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
+    )
+    data, rows = mujoco.MjData(model), []
+    for k in range(300):
+        data.ctrl[0] = np.sin(0.02 * k)
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy(), data.ctrl[0]))
+        mujoco.mj_step(model, data)
+    t, q, u, force = map(np.array, zip(*rows))
+    log = {"time": t, "qpos": q, "qvel": u, "force.actuator motor.arm": force}
+    assert finding_code("not-replayed") not in codes(dc.audit(model, log))
+
+
 def test_a_time_limit_leaves_out_what_nobody_asked_for_and_says_so() -> None:
     late = dc.audit(str(MODEL), arrays(), time_limit=1e-9)
     assert len(late.run) == ROWS and finding_code("time-limit") in codes(late)

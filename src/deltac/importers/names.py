@@ -144,11 +144,11 @@ def servo_damping(model: Any) -> dict[str, float]:
 
     damping: dict[str, float] = {}
     speeds, affine = speed_names(model), int(mujoco.mjtBias.mjBIAS_AFFINE)
-    moving = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for k in range(model.nu):
         joint = int(model.actuator_trnid[k, 0])
         on_joint = int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        own = on_joint and int(model.jnt_type[joint]) in moving
+        own = on_joint and int(model.jnt_type[joint]) in single
         size = -float(model.actuator_biasprm[k, 2]) * float(model.actuator_gear[k, 0]) ** 2
         if own and int(model.actuator_biastype[k]) == affine and size:
             speed = speeds[int(model.jnt_dofadr[joint])]

@@ -266,7 +266,7 @@ class InterpolatedForces:
     def switching(self) -> NDArray[np.bool_]:
         """Where (N, m) stairs change between two rows, of which they have the mean there."""
         own = zip(self.stairs, self.declared, self.kinds, strict=True)
-        some = [stair and not known and kind == "mean" for stair, known, kind in own]
+        some = [stair and not declared and kind == "mean" for stair, declared, kind in own]
         return np.asarray((self.logged.change != 0.0) & np.array(some, dtype=np.bool_))
 
     @cached_property

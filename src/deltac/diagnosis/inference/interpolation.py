@@ -41,14 +41,16 @@ def with_likeliest_forces(point: Point, best: Fit | None = None) -> Point:
         return point
     best = best or nothing(len(point.coefficients))
     stairs = _with_stairs(point)
-    own = zip(stairs.forces.stairs, stairs.forces.kinds, stairs.forces.declared, strict=True)
-    held = stairs is not point
-    known = [kind if stair and held else declared for stair, kind, declared in own]
-    if all(known):
-        return stairs
-    point = stairs
+    if stairs is point:
+        declared: Sequence[str] = point.forces.declared
+    else:
+        point, forces = stairs, stairs.forces
+        own = zip(forces.stairs, forces.kinds, forces.declared, strict=True)
+        declared = [kind if stair else before for stair, kind, before in own]
+    if all(declared):
+        return point
     for _ in range(RELINEARISATIONS):
-        forces = _likeliest_forces(point, best, known)
+        forces = _likeliest_forces(point, best, declared)
         same = forces.kinds == point.forces.kinds
         if same and np.array_equal(forces.logged.counts, point.forces.logged.counts):
             break
@@ -73,8 +75,8 @@ def _with_stairs(point: Point) -> Point:
         return likelihood_of(one.log, Phi, one.noise.total, w, one.tangent.effects)
 
     likeliest, most = point, likelihood(point) + CERTAIN
-    for held in ("start", "mean"):
-        kinds = [held if stair else kind for stair, kind in zip(forces.stairs, forces.kinds)]
+    for law in ("start", "mean"):
+        kinds = [law if stair else kind for stair, kind in zip(forces.stairs, forces.kinds)]
         other = point.with_flow(forces=forces.of(kinds))
         if other.forces.kinds != forces.kinds:
             other = other.with_noise_of_rows().with_process_noise()
@@ -164,10 +166,10 @@ def acting_as_in(comparison: HypothesisComparison, function: str) -> Point:
     return point.with_flow(forces=forces if in_steps else forces.held(counts))
 
 
-def _likeliest_forces(point: Point, best: Fit, known: Sequence[str]) -> InterpolatedForces:
+def _likeliest_forces(point: Point, best: Fit, declared: Sequence[str]) -> InterpolatedForces:
     """How each logged force acts between two rows, by the likelihood beside the best causes.
 
-    That of some is `known`, else "".
+    Those that are `declared` do so; others are "" there.
     """
     held, forces = _times_held(point), point.forces
     stairs = forces.held(held[0]) if held and "step" not in forces.kinds else forces
@@ -189,7 +191,7 @@ def _likeliest_forces(point: Point, best: Fit, known: Sequence[str]) -> Interpol
     current = np.array([FORCES[kind] for kind in forces.kinds])
     laws = [FORCES[kind] for kind in kinds]
     laws += [(0.0, 1.0, 1.0, float(np.mean(stairs.logged.counts / counts))) for counts in held]
-    own = [kinds.index(kind) if kind else -1 for kind in known]
+    own = [kinds.index(kind) if kind else -1 for kind in declared]
     chosen = _likeliest_laws(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
     steps = [k - len(kinds) for k in chosen if k >= len(kinds)]
     if steps:

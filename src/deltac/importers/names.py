@@ -126,16 +126,19 @@ def motor_strengths(model: Any) -> Strengths:
     import mujoco
 
     strengths: Strengths = {}
-    names = actuator_names(model)
-    first = getattr(model, "actuator_outadr", np.arange(len(names)))
-    count = getattr(model, "actuator_outnum", np.ones(len(names), dtype=int))
-    for k, name in enumerate(names):
+    for k, (name, gear) in enumerate(zip(actuator_names(model), _gears(model))):
         fixed = int(model.actuator_gaintype[k]) == int(mujoco.mjtGain.mjGAIN_FIXED)
         biased = int(model.actuator_biastype[k]) != int(mujoco.mjtBias.mjBIAS_NONE)
         if fixed and not biased:
-            gear = np.asarray(model.actuator_gear)[first[k] : first[k] + count[k]].ravel()
             strengths[name] = tuple(float(x) for x in model.actuator_gainprm[k, 0] * gear)
     return strengths
+
+
+def _gears(model: Any) -> list[Any]:
+    """Gears of each actuator: six numbers for each of its outputs."""
+    gears = np.asarray(model.actuator_gear)
+    outputs = np.asarray(getattr(model, "actuator_outnum", np.ones(len(gears), dtype=int)))
+    return [x.ravel() for x in np.split(gears, np.cumsum(outputs)[:-1])] if len(outputs) else []
 
 
 def servo_damping(model: Any) -> dict[str, float]:
@@ -145,11 +148,11 @@ def servo_damping(model: Any) -> dict[str, float]:
     damping: dict[str, float] = {}
     speeds, affine = speed_names(model), int(mujoco.mjtBias.mjBIAS_AFFINE)
     single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    for k in range(model.nu):
+    for k, gear in enumerate(_gears(model)):
         joint = int(model.actuator_trnid[k, 0])
         on_joint = int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT)
         own = on_joint and int(model.jnt_type[joint]) in single
-        size = -float(model.actuator_biasprm[k, 2]) * float(model.actuator_gear[k, 0]) ** 2
+        size = -float(model.actuator_biasprm[k, 2]) * float(gear[0]) ** 2
         if own and int(model.actuator_biastype[k]) == affine and size:
             speed = speeds[int(model.jnt_dofadr[joint])]
             damping[speed] = damping.get(speed, 0.0) + size

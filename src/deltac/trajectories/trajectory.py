@@ -69,7 +69,7 @@ FRAMES = "frames"
 BY_LAW = "by the laws of prescribed joints"
 """The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
-MAPPINGS = ("coordinates", "strengths", "derived", "notes")
+MAPPINGS = ("coordinates", "strengths", "servo_damping", "derived", "notes")
 """Fields of a provenance that are mappings."""
 
 _TEXTS = (
@@ -180,6 +180,9 @@ class Provenance:
             if not isinstance(getattr(self, name), Mapping):
                 raise _unfit(name, getattr(self, name), "a mapping")
             _set(self, name, MappingProxyType(dict(getattr(self, name))))
+        for speed, size in self.servo_damping.items():
+            if not isinstance(size, int | float) or not np.isfinite(size):
+                raise _unfit("servo_damping", size, f"a finite number (speed {speed!r})")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild(self, **{name: dict(getattr(self, name)) for name in MAPPINGS})

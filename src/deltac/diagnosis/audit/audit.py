@@ -1019,7 +1019,7 @@ def _attributed(
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
     driven = len(inference.model.mechanism.free.u) < len(inference.model.mechanism.speeds)
-    between = {"step", "mean"} & set(inference.forces)  # they change where no row is
+    between = inference.switching or "step" in inference.forces
     if len(own.t) < len(t) - 1 and not between and not driven:
         # Of the larger share a balance of all rows may tell more than the stretches that were looked at, if
         # its works are of forces, and of drives, as in the flow.
@@ -1085,10 +1085,13 @@ def _with_speeds(inference: Inference, run: Trajectory) -> Trajectory:
 def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | None:
     """The run with each force that which acts until the next row, and its work (T,), J.
 
-    None where one is not constant there, also where it keeps its value from most rows to the next and changes
-    between two, or acts on prescribed speeds.
+    None where one is not constant there, or acts on prescribed speeds.
     """
-    if not inference.forces or any(FORCES[kind][1] for kind in inference.forces):
+    if (
+        not inference.forces
+        or inference.switching
+        or any(FORCES[kind][1] for kind in inference.forces)
+    ):
         return None
     model = inference.model
     if run.works or run.integrals or set(run.forces) != set(model.log.places):
@@ -1106,9 +1109,6 @@ def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | No
         columns = model.log.columns[name]
         a = np.array([FORCES[inference.forces[c]][0] for c in range(columns.start, columns.stop)])
         F = run.forces[name][:, speeds]
-        stairs = np.mean(np.diff(F, axis=0) == 0.0, axis=0) > 0.5
-        if np.any(stairs & (a == FORCES["mean"][0])):
-            return None
         acting = F[:-1] + a * np.diff(F, axis=0)
         power = np.einsum("km,km->k", acting, moved[:, [place[k] for k in speeds]])
         works[name] = np.concatenate([[0.0], np.cumsum(power)])

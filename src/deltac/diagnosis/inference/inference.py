@@ -1053,6 +1053,7 @@ def inferred(
         unseen=unseen,
         speeds_known=comparison.speeds_known,
         between=between,
+        switching=bool(point.forces.switching.any()),
         lost=bool(point.lost.any()) and any(kind != "start" for kind in point.forces.kinds),
         scattered=scattered,
         residual=residual,

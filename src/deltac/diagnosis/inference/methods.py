@@ -148,9 +148,9 @@ def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
         c, covariance = _typical(series, fit).numbers(fit)
         near = parted(c[some], covariance[some, some], PARTS, flow.plant.damped)
         likely |= dict.fromkeys(near)
-        # What dampers elsewhere than in joints do is no field of its own.
-        by_all = next(method for method in INTEGRATORS if method.name == BY_ALL_DAMPERS)
-        likely |= dict.fromkeys((by_all, k) for own, k in near if own.order == 1)
+    # What dampers elsewhere than in joints do is no field of its own.
+    by_all = next(method for method in INTEGRATORS if method.name == BY_ALL_DAMPERS)
+    likely |= dict.fromkeys((by_all, k) for method, k in likely if method.order == 1)
     for method, k in likely:
         intervals, force, put_back = point.log.intervals, point.forces.between, flow.projected
         yield from maps(flow.plant, intervals, force, flow.counts, k, [method], projected=put_back)

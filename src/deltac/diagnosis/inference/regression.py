@@ -376,7 +376,7 @@ def _least_joules(at: Regression, block: Block) -> float:
 def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:
     """The same mistake, made several times.
 
-    How much the series leaves out is not known before such sets are built: each inflates it.
+    What the series leaves out is no bound here: it is estimated from numbers that such mistakes inflate.
     """
     least = max(at.bias, SIX_DIGITS * at.point.energy)
     candidates = at.point.candidates

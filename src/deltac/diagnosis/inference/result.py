@@ -142,6 +142,7 @@ class Inference:
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
         lost: whether forces between rows are not in the log.
+        switching: whether some that are held change between two rows.
         scattered: whether most of what the rows depart by is of no force: errors of steps of many sizes.
         speeds_known: whether the steps of a method make the speeds, which the log lacks.
         between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
@@ -181,6 +182,7 @@ class Inference:
     speeds_known: bool
     between: float
     lost: bool
+    switching: bool
     scattered: bool
     residual: Array
     acceleration: Array

@@ -167,6 +167,8 @@ def test_unusable_samples_are_refused_by_name(changes: dict[str, Any], message: 
         ({"completed": "no"}, "completed is 'no'"),
         ({"message": None}, "message is None"),
         ({"notes": {"a": 1}}, "notes is"),
+        ({"servo_damping": 0.3}, "servo_damping is 0.3, expected a mapping"),
+        ({"servo_damping": {"j": float("nan")}}, "servo_damping is nan, .*'j'"),
     ],
 )
 def test_unusable_provenance_is_refused(values: dict[str, Any], message: str) -> None:

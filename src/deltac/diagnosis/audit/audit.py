@@ -618,6 +618,12 @@ def _judgement(
         refuted = doubts | (set(omissions.OF_UNITS) if inference.closes else set())
         findings = [f for f in findings if f.kind not in refuted]
     progress(0.7)
+    if inference is not None:
+        missing = omissions.assumed_zero(run, reference.import_report)
+        acted = omissions.imitated(missing, inference.posterior.best.chosen)
+        if acted and not any(f.kind == "assumed-zero" and f.element for f in findings):
+            findings = [f for f in findings if f.kind != "assumed-zero"]
+            findings += omissions.assumed_zero_finding(missing, acted)
     if inference is not None and not certain:
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
@@ -886,7 +892,7 @@ def _is_explained(judged: Judgement, scaled: bool) -> bool:
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
     inference, most = judged.inference, SMALL_SHARE**2 if scaled else ROUGHLY
-    named = inference and judged.causes and 1.0 - inference.explained <= most
+    named = inference and judged.causes and not judged.lacking and 1.0 - inference.explained <= most
     explained = _follows(inference) or bool(named)
     return _turns_axes(judged) or (explained and not (scaled and scales))
 
@@ -899,7 +905,8 @@ def _turns_axes(judged: Judgement) -> bool:
 def _says_why(judged: Judgement) -> bool:
     """Whether a judgement names what keeps a replay from reproducing the rows."""
     late = any(f.kind == "late-forces" for f in judged.noticed)
-    return _turns_axes(judged) or (_follows(judged.inference) and (late or bool(judged.causes)))
+    named = _follows(judged.inference) and (late or bool(judged.causes))
+    return _turns_axes(judged) or (named and judged.lacking is None)
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:
@@ -913,14 +920,14 @@ def _speeds_are_shifted(inference: Inference) -> bool:
 
 
 def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
-    """A run of every step without the forces that are the model's own at its rows: they are so between rows.
+    """A run without the forces that are the model's own at its rows: they are so between rows.
 
     A spline through their rows would only repeat them with an error. What is held over a step is not the
     model's there.
     """
     held, step = set(map(str, run.provenance.held or ())), run.provenance.step
-    every = step is not None and len(run) > 1 and np.median(np.diff(run.t)) < 1.01 * step
-    if not len(mechanism.free.u) or not every or set(map(str, run.forces)) <= held:
+    thinned = step is not None and len(run) > 1 and np.median(np.diff(run.t)) >= 1.01 * step
+    if not len(mechanism.free.u) or thinned or set(map(str, run.forces)) <= held:
         return run
     rows, laws = checks.own_laws(mechanism, run)
     own = set[ChannelName]()

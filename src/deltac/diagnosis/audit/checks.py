@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from deltac.arrays import SAME, SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
@@ -239,7 +240,9 @@ def differing_channels(
 ) -> list[Finding]:
     """Logged forces that are not the model's own, where that moves more energy than the tolerance.
 
-    Where a channel is all that the model lacks, and moves less, that is a note.
+    As of mistakes, that is what flows either way, as a share of what is exchanged, or what it adds to ΔC, of
+    what the system has. What moves less is a note where a channel is all that the model lacks, or a factor is
+    all that differs.
     """
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
@@ -258,10 +261,14 @@ def differing_channels(
             continue
         power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
         energy = float(np.trapezoid(np.abs(power), t))
+        net = float(np.abs(cumulative_trapezoid(power, t)).max())
         found = _difference(name, own, logged, energy, ledger.energy_exchanged)
-        if energy > tolerance * ledger.energy_exchanged:
+        simple = own is None or found.factor is not None
+        if energy > tolerance * ledger.energy_exchanged or (
+            simple and net > tolerance * ledger.reference_energy
+        ):
             findings.append(found)
-        elif own is None and energy > SIX_DIGITS * ledger.energy_exchanged:
+        elif simple and energy > SIX_DIGITS * ledger.energy_exchanged:
             findings.append(replace(found, weight="note"))
     return findings
 

@@ -587,7 +587,8 @@ def _centres(b: BodyMass, at: tuple[int, ...], indices: list[int]) -> Iterator[C
             Q[4:, k, l] = six(b.mass * both)
     L, Q = L[indices], Q[indices]
     gyration = np.sqrt(0.5 * float(np.trace(b.central)) / b.mass) if b.mass else 0.0
-    limit = max(3.0 * gyration, float(np.linalg.norm(b.centre)))  # it stays within the body
+    # It stays within the body; of a point at its own origin no size is known.
+    limit = max(3.0 * gyration, float(np.linalg.norm(b.centre))) or np.inf
     shown = [k for k in range(3) if L[:, k].any()]  # of planar motion, not the axis across
     for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
         if group:

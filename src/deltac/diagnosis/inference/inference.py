@@ -789,7 +789,9 @@ def _at_causes(
     if moved is not None and moved.posterior.best.chosen:
         alone = moved
         point = point.with_flow(forces=moved.point.forces).with_noise_of_rows()
-    return _settled(point, alone.posterior, True)
+    # Beside all columns, a wrong method may leave less than the right one.
+    own = point.among(alone.methods) if alone.methods else point
+    return _settled(own, alone.posterior, True)
 
 
 def _by_other_forces(built: HypothesisComparison) -> HypothesisComparison:

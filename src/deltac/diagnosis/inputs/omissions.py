@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import ROUGHLY, SAME, SAME_STEP, Array, max_norm
+from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
 from deltac.errors import InputError, listed
@@ -87,6 +88,22 @@ def assumed_zero_finding(missing: Sequence[str], reached: Sequence[str] = ()) ->
             equals=tuple(("assumed-zero", name) for name in acting[1:]),
         )
     ]
+
+
+IMITATIONS = {"missing-friction": ("friction",), "missing-stop": ("limit", "contact")}
+"""Causes that do what forces of these kinds do."""
+
+
+def imitated(missing: Sequence[str], causes: Sequence[Candidate]) -> list[str]:
+    """Channels of the model's file that the log lacks, and that do what some of the causes do."""
+    own = [
+        [
+            f"{kind} {'all' if kind == 'contact' else c.element}"
+            for kind in IMITATIONS.get(c.kind, ())
+        ]
+        for c in causes
+    ]
+    return [name for name in missing if any(name in names for names in own)]
 
 
 def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:

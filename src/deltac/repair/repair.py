@@ -28,7 +28,6 @@ from deltac.repair.edits.candidates import EditCandidate, EditedSource, unified_
 from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
-from deltac.repair.edits.single import smaller_indices
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.program import (
@@ -253,18 +252,10 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
-    indices = (
-        (edit,)
-        for line in sorted(program.source.outside_range)
-        for edit in smaller_indices(source, line)
-    )
-    right = _confirm(source, program.varied, target, deadline, indices)
-    if right:
-        return _report(program, target, right, start, deadline)
     right, suspected = _search(program, target, deadline)
     # Zeros of a control that is none may make room for an index; q̇ would tell that the form is right.
     controls = (program.source.form or PLAIN_FORM).controls
-    padded = controls > 0 and bool(program.source.outside_range)
+    padded = controls > 0 and program.source.outside_range
     coincidence = padded and not program.worst.trace.rates
     if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.

@@ -235,8 +235,7 @@ def sums(
     for missing in (True, False):
         old = requirement.value * missing
         value, but = ((requirement.required - old) * weight, -old * weight)
-        matches = products_of_two_constants(value, group, *sides)
-        matches += two_products(value, group, *sides, but)
+        matches = two_products(value, group, *sides, but)
         matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
         for p, q in matches[:SHOWN]:
             p, q = (p, q) if p.number > 0 else (q, p)
@@ -256,18 +255,6 @@ def _named(source: Source, node: ast.expr) -> str:
     if isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
         return parent.targets[0].id
     return short(source.segment(node))
-
-
-def scalings(
-    program: Program, requirement: Requirement, vocabulary: Vocabulary
-) -> Iterator[EditCandidate]:
-    """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
-    node = program.source.nodes[requirement.place]
-    if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
-        factors = vocabulary.products(
-            requirement, requirement.required, np.ones_like(requirement.value)
-        )
-        yield from _factors(program, requirement.place, factors)
 
 
 def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterator[EditCandidate]:
@@ -371,11 +358,6 @@ class TermTable:
         with np.errstate(all="ignore"):
             return replace(self, values=self.values * weight)
 
-    def among(self, atoms: int) -> NDArray[np.intp]:
-        """The products of the first atoms alone."""
-        alone = [(indices < atoms).all(axis=1) for indices, _ in self.blocks]
-        return np.flatnonzero(np.concatenate(alone))
-
     def powers(self, k: int) -> Powers:
         """Which atoms the product k is of."""
         for indices, powers in self.blocks:
@@ -432,38 +414,6 @@ def _coefficients(
         fits = error <= HALF_DIGITS * np.maximum.reduceat(np.abs(value), starts)
     for k in np.flatnonzero(fits.all(axis=1) & coefficients.any(axis=1)):
         yield state.powers(int(k)), coefficients[k]
-
-
-def products_of_two_constants(
-    value: Array,
-    group: NDArray[np.intp],
-    state: tuple[Atoms, TermTable],
-    constant: tuple[Atoms, TermTable],
-) -> list[tuple[Product, Product]]:
-    """Two products of the same states whose sum equals `value` (B,): (m1 l1 + m2 l2) sin q.
-
-    Two sets of the constants' values give both numbers, the others test them.
-    """
-    named = constant[1].among(constant[0].names)
-    if group[-1] < 2 or len(named) > MOST_SUMMED:
-        return []
-    C, matches = constant[1].values[named], []
-    for powers, coefficient in _coefficients(value, group, state[1]):
-        with np.errstate(all="ignore"):
-            minor = coefficient[0] * C[:, 1] - coefficient[1] * C[:, 0]
-            a = minor / (np.outer(C[:, 0], C[:, 1]) - np.outer(C[:, 1], C[:, 0]))
-            sums = a[..., None] * C[:, None, 2:] + a.T[..., None] * C[None, :, 2:]
-            fits = np.abs(sums - coefficient[2:]) <= HALF_DIGITS * np.abs(coefficient[2:])
-        pairs = np.nonzero(np.triu(fits.all(axis=2), 1))
-        shares, rows = np.array([a[pairs], a.T[pairs]]), named[np.array(pairs)]
-        places, near = _plain_factors(shares)
-        for n in np.flatnonzero(near.all(axis=0)):
-            first, second = (
-                _product(number, powers, state[0], constant[1].powers(int(row)), constant[0])
-                for number, row in zip(map(_signed, places[:, n], shares[:, n]), rows[:, n])
-            )
-            matches.append((first, second))
-    return matches
 
 
 def two_products(

@@ -88,35 +88,19 @@ class Requirements:
             requirement = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
         return requirement if isinstance(requirement, Requirement) else None
 
-    def scale(self, place: int) -> Requirement | None:
-        """The factor that all values of a node must have: of an array's entries, of a loop's turns."""
-        own = _slots(self.program, place)
-        if not own:
-            return None
-        common = not any(self.program.tape.varying[k] for k in own)
-        with np.errstate(all="ignore"):
-            requirement = self._solve(place, own[0], common, scaled=True)
-        return (
-            requirement if isinstance(requirement, Requirement) and requirement.sufficient else None
-        )
-
     def _solve(
-        self, place: int, slot: int, common: bool, only: int | None = None, scaled: bool = False
+        self, place: int, slot: int, common: bool, only: int | None = None
     ) -> Requirement | bool | None:
         """The requirement; False if there can be none, None if none was found.
 
         `common`: one value for all states of a set of parameters. `only`: for this equation alone.
-        `scaled`: not the value itself is sought, but a factor of all the node's values.
         """
         program = self.program
-        value = 1.0 if scaled else program.tape.values[slot]
-        start = np.broadcast_to(value, program.samples.t.shape).astype(float)
+        start = program.values(slot)
         group = program.samples.group
         starts = np.searchsorted(group, np.arange(group[-1] + 1))
 
         def residual(x: Array) -> Array:
-            if scaled:
-                return program.residual(_scaled(program, place, x))
             return program.residual({slot: TapeChange.to(x)})
 
         def nearest(slope: Array, r: Array) -> Array:
@@ -183,24 +167,6 @@ def _divided(
 def sizes(value: Array) -> Array:
     """How large a number is at each state; 1 where it is zero at all of them, which tells no size."""
     return np.abs(value) + np.sqrt(np.mean(value**2)) if value.any() else np.ones_like(value)
-
-
-def _slots(program: Program, place: int) -> list[int]:
-    """All slots that a node itself has computed."""
-    return [s.index for s in program.slots(place) if program.tape.nodes[s.index] == place]
-
-
-def _scaled(program: Program, place: int, factor: Array) -> dict[int, TapeChange]:
-    """All values of a node times a factor (B,)."""
-    tape = program.tape
-
-    def times(k: int) -> TapeChange:
-        operation, value = tape.operations[k], tape.values[k]
-        if operation is None:
-            return TapeChange.to(value * factor)
-        return TapeChange(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
-
-    return {k: times(k) for k in _slots(program, place)}
 
 
 def _newton(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import Vocabulary, insertions, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements, sizes
 from deltac.repair.edits.single import additions, edits
@@ -68,9 +68,8 @@ class EditSearch:
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
         undecided = [*others, *self.requirements.undecided]
-        right += self.passing([*undecided, *self.program.lists], edits)
+        right += self.passing(undecided, edits)
         if not any(c.cost <= SIMPLE for c in right):
-            right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
             right += [c for r in self.sufficient for c in sums(self.program, r, self.vocabulary)]
@@ -125,17 +124,6 @@ class EditSearch:
     def passing(self, places: Iterable[int], kind: EditKind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
         return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
-
-    def scaled(self, places: Iterable[int]) -> list[EditCandidate]:
-        """Factors of arrays, and of what is evaluated more than once."""
-        right: list[EditCandidate] = []
-        for place in places:
-            if time.monotonic() > self.deadline:
-                break
-            requirement = self.requirements.scale(place)
-            if requirement is not None:
-                right += scalings(self.program, requirement, self.vocabulary)
-        return right
 
 
 def confirmed(
@@ -195,9 +183,7 @@ def _first_edits(search: EditSearch) -> list[FirstEdit]:
     pool: list[FirstEdit] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
-    trials = itertools.chain(
-        search.tried([*program.lists, *places], edits), search.tried(varying, additions)
-    )
+    trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
     for candidate, changes in itertools.islice(trials, OPERATIONS // 1000):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()

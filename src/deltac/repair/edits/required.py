@@ -134,9 +134,6 @@ class Requirements:
         if straight and not solved.all():
             return False
         if not straight:
-            x, solved = _divided(residual, nearest, rows, start)
-            straight = bool(solved.all())
-        if not straight:
             x, solved = _newton(residual, nearest, rows, start, size, common)
         if not solved.all():
             return None
@@ -150,18 +147,6 @@ class Requirements:
         return Requirement(
             place, slot, start, x, weight, tuple(map(bool, rows)), sufficient, unique
         )
-
-
-def _divided(
-    residual: Residual, nearest: Callable[[Array, Array], Array], rows: Flags, start: Array
-) -> tuple[Array, Flags]:
-    """Roots where the equations are linear in 1/x, as in a divisor: one step."""
-    y = 1.0 / np.where(start == 0.0, 1.0, start)
-    h = 1e-4 * np.abs(y)
-    before = residual(1.0 / y)[rows]
-    y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
-    x = 1.0 / y
-    return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
 
 
 def sizes(value: Array) -> Array:
@@ -196,9 +181,8 @@ def _newton(
                 break
         if solved.all() or (multiple == -1.0 and np.mean(solved) < 0.3):
             break  # hopeless: the states contradict each other
-    if (
-        solved.all()
-    ):  # once more: the last step of a quadratic method gives the other half of the digits
+    if solved.all():
+        # Once more: the last step of a quadratic method gives the other half of the digits.
         dx = nearest((residual(best + h)[rows] - residual(best)[rows]) / h, residual(best)[rows])
         best = np.where(np.isfinite(dx), best + dx, best)
     return best, solved

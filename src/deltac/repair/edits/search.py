@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -26,9 +26,6 @@ from deltac.repair.tracing.tape import TapeChange
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-MODELLED = 0.5
-"""What it costs to change a number that is one of the model's parameters."""
 
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
@@ -79,17 +76,6 @@ class EditSearch:
 
     def edits(self, r: Requirement) -> Iterator[EditCandidate]:
         """Edits of one expression that give it the value it must have."""
-        dearer = MODELLED if self._as_modelled(r.place) else 0.0
-        yield from (replace(c, cost=c.cost + dearer) for c in self._edits(r))
-
-    def _as_modelled(self, place: int) -> bool:
-        """Whether a node is a number that is one of the model's parameters: it is hardly the mistake."""
-        node = self.program.source.nodes[place]
-        value = getattr(node, "value", None)
-        parameters = self.target.mechanism.parameters.values()
-        return isinstance(value, float) and not value.is_integer() and value in parameters
-
-    def _edits(self, r: Requirement) -> Iterator[EditCandidate]:
         yield from (c for c, changes in self.tried([r.place], edits) if self._meets(r, changes))
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:

@@ -161,7 +161,10 @@ def functions_used(source: Source) -> dict[str, str]:
 # --- edits applied --------------------------------------------------------------------------------
 
 
-EditedSource: TypeAlias = tuple[tuple[EditCandidate, ...], Source]
+EditSet: TypeAlias = tuple[EditCandidate, ...]
+"""Edits that are made together."""
+
+EditedSource: TypeAlias = tuple[EditSet, Source]
 """Edits, and the source that they make."""
 
 

@@ -1,7 +1,7 @@
 """All single edits of a node: what else could stand in its place.
 
 One list for functions that are traced and for those that can only be run: signs, operators, functions,
-powers, numbers, names, indices; matrices transposed or inverted; parentheses elsewhere; arguments exchanged.
+powers, numbers, names, indices; matrices transposed, inverted, or multiplied by others.
 Whether an edit is right is seen on the tape; of functions that are not traced, by running the text again.
 """
 

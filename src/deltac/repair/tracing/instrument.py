@@ -268,19 +268,14 @@ class _Rewriter:
                 return None
             return _hook("default", arg.arg, self.number.get(id(value)), self.expression(value))
 
-        def bare(args: Iterable[ast.arg]) -> list[ast.arg]:
-            return [make.arg(x.arg) for x in args]
+        def bare(arg: ast.arg | None) -> Any:
+            return arg and make.arg(arg.arg)
 
-        last = every[len(every) - len(a.defaults) :]
         return ast.arguments(
-            bare(a.posonlyargs),
-            bare(a.args),
-            a.vararg and make.arg(a.vararg.arg),
-            bare(a.kwonlyargs),
-            [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],
-            a.kwarg and make.arg(a.kwarg.arg),
-            [default(arg, value) for arg, value in zip(last, a.defaults)],
-        )
+            [*map(bare, a.posonlyargs)], [*map(bare, a.args)], bare(a.vararg), [*map(bare, a.kwonlyargs)],
+            [*map(default, a.kwonlyargs, a.kw_defaults)], bare(a.kwarg),
+            [*map(default, every[len(every) - len(a.defaults) :], a.defaults)],
+        )  # fmt: skip
 
     def visit_ClassDef(self, s: ast.ClassDef) -> Any:
         bases: list[ast.expr] = [_hook("base", self.expression(b)) for b in s.bases]

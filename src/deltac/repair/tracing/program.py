@@ -120,14 +120,9 @@ class Program:
         """Nodes of one number in one slot: those that a single value can stand for."""
         numbers = {}
         for place, instances in self.trace.instances.items():
-            value = instances[0].value
-            if not isinstance(value, Slot):
-                continue
-            if any(
-                not isinstance(i.value, Slot) or i.value.index != value.index for i in instances
-            ):
-                continue
-            if self.tape.nodes[value.index] == place and self.matters(value.index):
+            slot, *others = {i.value.index if isinstance(i.value, Slot) else -1 for i in instances}
+            own = not others and slot >= 0 and self.tape.nodes[slot] == place
+            if own and self.matters(slot):
                 numbers[place] = instances[0]
         return numbers
 
@@ -314,15 +309,9 @@ def at(
     if missing:
         raise SourceError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
-    return reading(
-        source,
-        samples,
-        {
-            origins[name]: samples.parameters[meant]
-            for name, meant in links.items()
-            if meant in varied
-        },
-    )
+    chosen = {name: meant for name, meant in links.items() if meant in varied}
+    override = {origins[name]: samples.parameters[meant] for name, meant in chosen.items()}
+    return reading(source, samples, override)
 
 
 def moved(source: Source, samples: StateSamples, factor: Callable[[str], float]) -> Array:

@@ -447,7 +447,6 @@ _UNARY: dict[str, Operation] = {
     "__invert__": np.logical_not,
 }
 for _name, _operation in (*_UNARY.items(), *ELEMENTARY.items()):
-    if (
-        getattr(_operation, "nin", 1) == 1
-    ):  # what np.sin calls on the entries of an array of objects
+    # What np.sin calls on the entries of an array of objects.
+    if getattr(_operation, "nin", 1) == 1:
         setattr(Slot, _name, lambda self, *_, f=_operation: self.tape.record(f, self))

@@ -51,6 +51,9 @@ STANDARD = Path(sysconfig.get_path("stdlib"))
 PATHS = 12
 """Ways through branches that depend on the state."""
 
+PLAIN_CALLS = ("dict", "float")
+"""Python's own functions that constants are made by."""
+
 NAME = "deltac_traced"
 """The module that traced classes are of."""
 
@@ -234,7 +237,6 @@ class _Tracer:
         self.scope: Mapping[str, Any] = {}
         self.turns = 0
         self.defaults: list[tuple[str, Any, Any]] = []
-        self.arguments: dict[int, Any] = {}
 
     def opened(self, module: UserModule, outside: Mapping[str, Any] | None = None) -> _Namespace:
         """The names of a module, which are set when they are asked for."""
@@ -258,17 +260,10 @@ class _Tracer:
         nq, nu = len(q), len(u)
         self.result.inputs = tuple(slot.index for slot in slots)
         form = self.source.form or PLAIN_FORM
-        arguments = form.given(
-            slots[0],
-            objects(slots[1 : 1 + nq]),
-            objects(slots[1 + nq :]),
-            objects,
-            LibraryNumber(0.0),
-        )
-        for a in arguments:
-            if isinstance(a, np.ndarray):
-                a.flags.writeable = False
-                self.arguments[id(a)] = a
+        state = objects(slots[1 : 1 + nq]), objects(slots[1 + nq :])
+        arguments = form.given(slots[0], *state, objects, LibraryNumber(0.0))
+        for array in (a for a in arguments if isinstance(a, np.ndarray)):
+            array.flags.writeable = False
 
         def computed() -> list[Any]:
             returned = self.callee()(*arguments)
@@ -355,11 +350,9 @@ class _Tracer:
                 statement = names.module.setters[name][0]
                 if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
                     continue
-                calls = [n for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
+                called = [n.func for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
                 if all(
-                    isinstance(c.func, ast.Attribute)
-                    or getattr(c.func, "id", "") in ("dict", "float")
-                    for c in calls
+                    isinstance(f, ast.Attribute) or ast.unparse(f) in PLAIN_CALLS for f in called
                 ):
                     with contextlib.suppress(Exception), np.errstate(all="ignore"):
                         names[name]
@@ -450,9 +443,8 @@ class _Tracer:
                 return self.named_constant(numbers.item(), name)
             array = np.empty(numbers.shape, dtype=object)
             for k in np.ndindex(numbers.shape):
-                array[k] = self.named_constant(
-                    numbers[k].item(), f"{name}[{', '.join(map(str, k))}]"
-                )
+                entry = f"{name}[{', '.join(map(str, k))}]"
+                array[k] = self.named_constant(numbers[k].item(), entry)
             return array
         if type(value) in (tuple, list):
             return type(value)(self.live(v, f"{name}[{k}]") for k, v in enumerate(value))
@@ -559,16 +551,10 @@ class _Tracer:
                 cells[name] = self.live(cell.cell_contents, name)
         closure = [cells.get(name) for name in code.co_freevars]
         copy = names.pop("made")(*closure, {k: v for k, v in cells.items() if k != "__class__"})
-        copy.__defaults__ = function.__defaults__ and tuple(
-            self.live(v, name)
-            for name, v in zip(
-                code.co_varnames[: code.co_argcount][-len(function.__defaults__) :],
-                function.__defaults__,
-            )
-        )
-        copy.__kwdefaults__ = {
-            k: self.live(v, k) for k, v in (function.__kwdefaults__ or {}).items()
-        }
+        defaults, keywords = function.__defaults__ or (), function.__kwdefaults__ or {}
+        last = code.co_varnames[code.co_argcount - len(defaults) : code.co_argcount]
+        copy.__defaults__ = tuple(map(self.live, defaults, last))
+        copy.__kwdefaults__ = {k: self.live(v, k) for k, v in keywords.items()}
         self.lives[id(function)] = function, copy  # the function is kept alive
         return copy
 
@@ -623,21 +609,16 @@ class _Hooks:
     def constant(self, place: int) -> Any:
         """A literal: one slot, however often it is evaluated, for it is one number."""
         tracer = self.tracer
-        key = self.key(place)
+        node: Any = self.of.nodes[place]
+        key = place if self.edited else (self.of.name, node.lineno, node.col_offset)
         slot = tracer.literals.get(key)
         if slot is None:
-            value = self.of.nodes[place].value  # type: ignore[attr-defined]
-            if not isinstance(value, int | float):
-                self.refuse(place, f"the constant {value!r}")
-            slot = tracer.constant(value, ("literal", key), place if self.edited else None)
+            if not isinstance(node.value, int | float):
+                self.refuse(place, f"the constant {node.value!r}")
+            slot = tracer.constant(node.value, ("literal", key), place if self.edited else None)
             tracer.literals[key], tracer.literal_of[slot.index] = slot, key
         self.remember(place, slot)
         return slot
-
-    def key(self, place: int) -> Any:
-        """Where a literal stands: its place in the source that is edited, or file, line and column."""
-        node: Any = self.of.nodes[place]
-        return place if self.edited else (self.of.name, node.lineno, node.col_offset)
 
     def lifted(self, place: int, value: Any) -> Any:
         """A number that has no text, of a running session or a library, as a constant by its name."""
@@ -770,9 +751,8 @@ class _Hooks:
     def default(self, name: str, place: int | None, value: Any) -> Any:
         """A parameter's default is known by the parameter's name."""
         of = None if place is None else self.of.nodes[place]
-        self.tracer.defaults.append(
-            (name, value, of)
-        )  # noted last: another value has the name before
+        # Noted last: another value has the name before.
+        self.tracer.defaults.append((name, value, of))
         return value
 
     def outside(self, place: int) -> NoReturn:
@@ -847,11 +827,11 @@ class _Hooks:
         if isinstance(function, type):
             fields = fields_of(value)
             with contextlib.suppress(TypeError, ValueError):
-                names = list(inspect.signature(function).parameters)
-                for name, part in [
-                    *zip(names, node.args),
-                    *((k.arg, k.value) for k in node.keywords),
-                ]:
+                named_parts = ((k.arg, k.value) for k in node.keywords)
+                for name, part in (
+                    *zip(inspect.signature(function).parameters, node.args),
+                    *named_parts,
+                ):
                     if name in fields:
                         tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)

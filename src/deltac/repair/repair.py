@@ -483,7 +483,8 @@ def _of_its_own(trace: Trace, target: Target) -> bool:
 
 def _own_number(tape: Tape, slot: int) -> bool:
     """Whether a slot is a constant whose value is the user's: no small whole number, simple fraction or π."""
-    value, constant = tape.exact[slot], tape.operations[slot] is None and not tape.varying[slot]
+    value = tape.exact[slot]
+    constant = tape.operations[slot] is None and not tape.varying[slot]
     if not constant or not isinstance(value, int | float):
         return False
     plain = abs(value) <= 12 and any(float(value * k).is_integer() for k in (1, 2, 3))

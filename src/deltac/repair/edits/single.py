@@ -90,7 +90,7 @@ def edits(source: Source, place: int, names: Names) -> Edits:
 
 
 def additions(source: Source, place: int, names: Names) -> Edits:
-    """What is forgotten beside a node: a name as a factor, a divisor or a term."""
+    """What is forgotten beside a node: a name or 2 as a factor or a divisor, or a term."""
     node = source.nodes[place]
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
@@ -100,8 +100,8 @@ def additions(source: Source, place: int, names: Names) -> Edits:
     own, shape, arrays = short(source.segment(node)), names.shape(place), names.arrays(place)
     alike = [text for text, other in arrays.items() if other == shape]
     if outer not in (ast.Mult, ast.Div, ast.Pow):
-        for text in [*names.numbers(place), *alike, "2"]:
-            factor = ast.Constant(2) if text == "2" else variable(text)
+        factors = {text: variable(text) for text in (*names.numbers(place), *alike)}
+        for text, factor in {**factors, "2": ast.Constant(2)}.items():
             yield edit(product(node, factor), "factor", 1.6, f"{own} lacks the factor {text}")
             divided = f"{own} must be divided by {text}"
             yield edit(product(node, factor, True), "factor", 1.6, divided)

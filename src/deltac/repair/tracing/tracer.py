@@ -827,11 +827,9 @@ class _Hooks:
         if isinstance(function, type):
             fields = fields_of(value)
             with contextlib.suppress(TypeError, ValueError):
-                named_parts = ((k.arg, k.value) for k in node.keywords)
-                for name, part in (
-                    *zip(inspect.signature(function).parameters, node.args),
-                    *named_parts,
-                ):
+                parts = dict(zip(inspect.signature(function).parameters, node.args))
+                parts |= {k.arg: k.value for k in node.keywords}
+                for name, part in parts.items():
                     if name in fields:
                         tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)

@@ -291,11 +291,8 @@ def _search(
             return right, list(suspected)
         searches.append(search)
         alone.append(singles[:BRANCHES])
-    both = sorted(
-        ((a, b) for a in alone[0] for b in alone[-1] if a.place != b.place),
-        key=_total_cost,
-    )
-    one_each = [both] if len(alone) == 2 else []
+    both = [(a, b) for a in alone[0] for b in alone[-1] if a.place != b.place]
+    one_each = [sorted(both, key=_total_cost)] if len(alone) == 2 else []
     kinds = (kind for search in searches for kind in pairs(search))
     return confirmed_first(itertools.chain(one_each, kinds)), list(suspected)
 

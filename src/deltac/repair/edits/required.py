@@ -29,6 +29,7 @@ STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 
 Flags: TypeAlias = NDArray[np.bool_]
 Residual: TypeAlias = Callable[[Array], Array]
+Step: TypeAlias = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,10 @@ class Requirements:
         if straight and not solved.all():
             return False
         if not straight:
-            x, solved = _newton(residual, nearest, rows, start, size, common)
+            x, solved = _divided(residual, nearest, rows, start)
+            straight = bool(solved.all())
+        if not straight:
+            x, solved = _newton(residual, nearest, rows, start, common)
         if not solved.all():
             return None
         after = residual(x)
@@ -149,22 +153,28 @@ class Requirements:
         )
 
 
+def _divided(residual: Residual, nearest: Step, rows: Flags, start: Array) -> tuple[Array, Flags]:
+    """Roots where the equations are linear in 1/x, as in a divisor: one step."""
+    y = 1.0 / np.where(start == 0.0, 1.0, start)
+    h = 1e-4 * np.abs(y)
+    before = residual(1.0 / y)[rows]
+    y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
+    x = 1.0 / y
+    return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
+
+
 def sizes(value: Array) -> Array:
     """How large a number is at each state; 1 where it is zero at all of them, which tells no size."""
     return np.abs(value) + np.sqrt(np.mean(value**2)) if value.any() else np.ones_like(value)
 
 
 def _newton(
-    residual: Residual,
-    nearest: Callable[[Array, Array], Array],
-    rows: Flags,
-    start: Array,
-    size: Array,
-    common: bool,
+    residual: Residual, nearest: Step, rows: Flags, start: Array, common: bool
 ) -> tuple[Array, Flags]:
     """Roots of the residual in `rows`, and at which states they were found."""
     best = start.copy()
     solved: Flags = np.zeros(start.shape, dtype=bool)
+    size = sizes(start)
     h = 1e-7 * size
     for multiple in STARTS:
         x = multiple * start

@@ -820,7 +820,6 @@ class _Hooks:
     def call_user(
         self, place: int, function: Any, arguments: list[Any], named: dict[str, Any]
     ) -> Any:
-        tracer = self.tracer
         with self.tracer.apart(None):
             value = function(*arguments, **named)
         node: Any = self.of.nodes[place]
@@ -831,7 +830,7 @@ class _Hooks:
                 parts |= {k.arg: k.value for k in node.keywords}
                 for name, part in parts.items():
                     if name in fields:
-                        tracer.note_parameters(name, fields[name], part)
+                        self.tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)
 
     def check(self, place: int, function: Any, module: str) -> None:

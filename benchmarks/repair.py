@@ -77,6 +77,7 @@ def same(source: Any, other: Any, target: Any) -> bool:
     import numpy as np
 
     from deltac.errors import InputError
+    from deltac.repair.tracing.tape import TapeChange
     from deltac.repair.tracing.tracer import branches
 
     at = target.samples((), True)
@@ -91,9 +92,8 @@ def same(source: Any, other: Any, target: Any) -> bool:
         moved = {}
         for name, slot in sorted(found.parameters.items()):
             factor = factors.setdefault(name, rng.uniform(0.7, 1.5, len(at.t)))
-            original = found.tape.values[slot]
-            moved[slot] = original * factor
-        results.append(found.tape.run(found.outputs, values=moved))
+            moved[slot] = TapeChange.to(found.tape.values[slot] * factor)
+        results.append(found.tape.run(found.outputs, moved))
     return bool(np.abs(results[0] - results[1]).max() < 1e-7 * np.abs(results[0]).max())
 
 

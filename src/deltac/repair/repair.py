@@ -24,11 +24,10 @@ from deltac.diagnosis import Caller, States, blame
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
-from deltac.repair.edits.candidates import EditCandidate, EditedSource, unified_diff
+from deltac.repair.edits.candidates import EditCandidate, EditedSource, EditSet, unified_diff
 from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
-from deltac.repair.edits.single import smaller_indices
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.program import (
@@ -127,10 +126,7 @@ def repair_equations(
     """
     start = time.monotonic()
     loaded = load_model(model)
-    if function is None and not isinstance(equations, str | Path):
-        live: RightHandSide | Equations | None = equations
-    else:
-        live = function
+    live = function if function is not None or isinstance(equations, str | Path) else equations
     own = loaded.coordinate_map(coordinates, equations if live is None else live)
     target = Target(loaded.mechanism, own, seed, loaded.first)
     if live is None:
@@ -216,9 +212,7 @@ def _by_running(
         groups = _groups(source, right, [0] * len(right))
         fixes = [replace(_fix(source, group), ran=True) for group in groups]
     wrong = samples.wrong_rows(result)
-    terms: tuple[str, ...] = ()
-    if wrong.any() and not right:
-        terms = _terms(target, result, caller)
+    terms = _terms(target, result, caller) if wrong.any() and not right else ()
     file, _, function = text.rpartition(":")
     return Repair(
         file=file,
@@ -253,18 +247,10 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
-    indices = (
-        (edit,)
-        for line in sorted(program.source.outside_range)
-        for edit in smaller_indices(source, line)
-    )
-    right = _confirm(source, program.varied, target, deadline, indices)
-    if right:
-        return _report(program, target, right, start, deadline)
     right, suspected = _search(program, target, deadline)
     # Zeros of a control that is none may make room for an index; q̇ would tell that the form is right.
     controls = (program.source.form or PLAIN_FORM).controls
-    padded = controls > 0 and bool(program.source.outside_range)
+    padded = controls > 0 and program.source.outside_range
     coincidence = padded and not program.worst.trace.rates
     if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
@@ -287,9 +273,9 @@ def _search(
     alone: list[list[EditCandidate]] = []
     searches = []
 
-    confirm = partial(_confirm, reading.source, reading.varied, target, deadline)
+    confirm = partial(_confirm, reading, target, deadline)
 
-    def confirmed_first(kinds: Iterable[Iterable[tuple[EditCandidate, ...]]]) -> list[EditedSource]:
+    def confirmed_first(kinds: Iterable[Iterable[EditSet]]) -> list[EditedSource]:
         return next(filter(None, map(confirm, kinds)), [])
 
     for program in reading.faulty:
@@ -299,30 +285,24 @@ def _search(
         right = confirm((c,) for c in singles)
         suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.sufficient]))
         if right and right[0][0][0].cost > TWO:
-            right = sorted([*right, *confirmed_first(pairs(search, True))], key=_total_cost)
+            right += confirmed_first(pairs(search, True))
+            right.sort(key=lambda edited: _total_cost(edited[0]))
         if right:
             return right, list(suspected)
         searches.append(search)
         alone.append(singles[:BRANCHES])
-    both = sorted(
-        ((a, b) for a in alone[0] for b in alone[-1] if a.place != b.place),
-        key=lambda pair: pair[0].cost + pair[1].cost,
-    )
-    one_each = [both] if len(alone) == 2 else []
+    both = [(a, b) for a in alone[0] for b in alone[-1] if a.place != b.place]
+    one_each = [sorted(both, key=_total_cost)] if len(alone) == 2 else []
     kinds = (kind for search in searches for kind in pairs(search))
     return confirmed_first(itertools.chain(one_each, kinds)), list(suspected)
 
 
-def _total_cost(edit: EditedSource) -> float:
-    return sum(e.cost for e in edit[0])
+def _total_cost(edits: EditSet) -> float:
+    return sum(e.cost for e in edits)
 
 
 def _confirm(
-    source: Source,
-    varied: tuple[str, ...],
-    target: Target,
-    deadline: float,
-    candidates: Iterable[tuple[EditCandidate, ...]],
+    reading: ProgramReading, target: Target, deadline: float, candidates: Iterable[EditSet]
 ) -> list[EditedSource]:
     """Those of some edits that are right at fresh states, cheapest first."""
     right: list[EditedSource] = []
@@ -330,13 +310,13 @@ def _confirm(
     places: Counter[tuple[int, ...]] = Counter()
     cheapest, most = np.inf, MOST_VALIDATED
     for count, edits in enumerate(candidates):
-        cost = sum(e.cost for e in edits)
+        cost = _total_cost(edits)
         if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
-        lines = tuple(source.statement(e.place).lineno for e in edits)
+        lines = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places[lines] >= SHOWN:
             continue
-        changed = confirmed(source, target, edits, varied)
+        changed = confirmed(reading.source, target, edits, reading.varied)
         if changed is not None and changed.text not in texts:
             texts.add(changed.text)
             places[lines] += 1
@@ -438,7 +418,7 @@ def _fix(source: Source, group: Sequence[EditedSource]) -> Fix:
         lines=tuple(getattr(source.nodes[e.place], "lineno", 0) for e in edits),
         words=tuple(e.words for e in edits),
         kinds=tuple(e.kind for e in edits),
-        cost=round(sum(e.cost for e in edits), 3),
+        cost=round(_total_cost(edits), 3),
         diff=unified_diff(source, changed),
         text=changed.text,
         others=tuple("; ".join(e.words for e in other) for other, _ in group[1:]),
@@ -501,13 +481,8 @@ def _of_its_own(trace: Trace, target: Target) -> bool:
 def _own_number(tape: Tape, slot: int) -> bool:
     """Whether a slot is a constant whose value is the user's: no small whole number, simple fraction or π."""
     value = tape.exact[slot]
-    if (
-        tape.operations[slot] is not None
-        or tape.varying[slot]
-        or not isinstance(value, int | float)
-    ):
+    constant = tape.operations[slot] is None and not tape.varying[slot]
+    if not constant or not isinstance(value, int | float):
         return False
-    return (
-        not any(float(value * k).is_integer() and abs(value) <= 12 for k in (1, 2, 3))
-        and value != np.pi
-    )
+    plain = abs(value) <= 12 and any(float(value * k).is_integer() for k in (1, 2, 3))
+    return not plain and value != np.pi

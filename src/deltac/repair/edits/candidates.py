@@ -38,12 +38,7 @@ class EditCandidate:
     @cached_property
     def text(self) -> str:
         """What the node's text is replaced by."""
-        node, new = self.source.nodes[self.place], self.new
-        if isinstance(new, str):
-            return new
-        if isinstance(new, ast.List | ast.Tuple) and isinstance(node, type(new)):
-            return _laid_out(self.source, node, new)
-        return rendered(self.source, new)
+        return self.new if isinstance(self.new, str) else rendered(self.source, self.new)
 
     @property
     def words(self) -> str:
@@ -78,16 +73,6 @@ def rendered(source: Source, tree: ast.AST) -> str:
             enclosed.remove(k)
     best = text(enclosed)
     return best if _dump(best) == meant else ast.unparse(tree)
-
-
-def _laid_out(source: Source, node: ast.List | ast.Tuple, new: ast.List | ast.Tuple) -> str:
-    """A list as text, its elements replaced by others of the source, between the old commas."""
-    (start, last), text = source.span(node), ""
-    for old, element in zip(node.elts, new.elts):
-        begin, end = source.span(old)
-        text += source.text[start:begin] + source.segment(element)
-        start = end
-    return text + source.text[start:last]
 
 
 def _outline(source: Source, tree: ast.AST, parts: list[ast.AST]) -> ast.AST:
@@ -176,7 +161,10 @@ def functions_used(source: Source) -> dict[str, str]:
 # --- edits applied --------------------------------------------------------------------------------
 
 
-EditedSource: TypeAlias = tuple[tuple[EditCandidate, ...], Source]
+EditSet: TypeAlias = tuple[EditCandidate, ...]
+"""Edits that are made together."""
+
+EditedSource: TypeAlias = tuple[EditSet, Source]
 """Edits, and the source that they make."""
 
 
@@ -200,9 +188,6 @@ def apply(source: Source, edits: Sequence[EditCandidate]) -> Source | None:
             return None
         last = start
         bare = text[:start] + edit.text + text[end:]
-        if isinstance(source.nodes[edit.place], ast.stmt):
-            text = bare
-            continue
         safe = f"{text[:start]}({edit.text}){text[end:]}"
         text = bare if _dump(bare) == _dump(safe) else safe
     return source.replaced(text)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import HALF_DIGITS, SAME, Array
 from deltac.repair.edits.candidates import (
+    ATOMS,
     EditCandidate,
     functions_used,
     negated,
@@ -63,20 +64,19 @@ class Vocabulary:
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
         program = self.program
-        instance, *more = program.trace.instances[requirement.place]
-        names = {**program.trace.scope, **instance.scope}
+        instances = program.trace.instances[requirement.place]
+        names = {**program.trace.scope, **instances[0].scope}
         owner = program.source.owner(requirement.place)
         later = {requirement.slot, *program.tape.after(requirement.slot)}
-        variables = {
-            text: slot.index
-            for text, slot in self.names.scope(instance)[0].items()
-            if slot.index not in later
+        first, *others = (
+            {text: slot.index for text, slot in self.names.scope(instance)[0].items()}
+            for instance in instances
+        )
+        variables = {  # one name must hold one value at all evaluations
+            text: k
+            for text, k in first.items()
+            if k not in later and all(scope.get(text) == k for scope in others)
         }
-        for other in more:  # one name must hold one value at all evaluations
-            scope = self.names.scope(other)[0]
-            variables = {
-                text: k for text, k in variables.items() if text in scope and scope[text].index == k
-            }
         expressions = {
             text: slot
             for text, (slot, used) in self._expressions(owner).items()
@@ -84,31 +84,23 @@ class Vocabulary:
         }
         key = (id(owner), tuple(variables), tuple(expressions))
         if key not in self._atoms:
-            sines = self._sines(variables, expressions)
             self._atoms[key] = (
-                self._side(variables, expressions, sines, varying=True),
-                self._side(variables, expressions, {}, varying=False),
+                self._side(variables, expressions, varying=True),
+                self._side(variables, expressions, varying=False),
             )
         return self._atoms[key]
 
-    def _side(
-        self,
-        variables: dict[str, int],
-        expressions: dict[str, int],
-        sines: dict[str, Array],
-        varying: bool,
-    ) -> Atoms:
+    def _side(self, variables: dict[str, int], expressions: dict[str, int], varying: bool) -> Atoms:
         program = self.program
-        chosen = [
-            {
-                text: program.values(k)
-                for text, k in slots.items()
-                if program.tape.varying[k] == varying
-            }
-            for slots in (variables, expressions)
-        ]
-        names = len(chosen[0])
-        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST_EXPRESSIONS]), **sines}
+
+        def chosen(slots: dict[str, int]) -> dict[str, Array]:
+            alike = (text for text, k in slots.items() if program.tape.varying[k] == varying)
+            return {text: program.values(slots[text]) for text in alike}
+
+        named = chosen(variables)
+        parts = dict(itertools.islice(chosen(expressions).items(), MOST_EXPRESSIONS))
+        sines = self._sines(variables, expressions) if varying else {}
+        names, together = len(named), {**named, **parts, **sines}
         calls = sum("(" in text and text[-1] == ")" for text in together)
         width = len(program.samples.t)
         rows = np.array(list(together.values())) if together else np.empty((0, width))
@@ -132,9 +124,9 @@ class Vocabulary:
         terms = self.table(state, degree, node is not None).times(weight)
         constants, group = self.table(constant, degree, True), self.program.samples.group
         matches = [
-            _product(number, powers, state, others, constant)
-            for powers, coefficient in _coefficients(requirement.weight * value, group, terms)
-            for number, others in _numbers(coefficient, constants)
+            _product(number, terms, k, constants, row)
+            for k, coefficient in _coefficients(requirement.weight * value, group, terms)
+            for number, row in _numbers(coefficient, constants)
         ]
         return sorted(matches, key=_plainness)[:SHOWN]
 
@@ -156,16 +148,12 @@ class Vocabulary:
         ranked: list[tuple[int, str, int, set[str]]] = []
         for place, instance in program.numbers.items():
             node = program.source.nodes[place]
-            if not isinstance(node, ast.BinOp | ast.Call):
-                continue
-            if program.source.owner(place) is not owner:
-                continue
-            text = " ".join(program.source.segment(node).split())
-            if text.startswith(("-", "+")) or "#" in text:
-                continue
-            used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-            rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
-            ranked.append((rank, text, instance.value.index, used))
+            if isinstance(node, ast.BinOp | ast.Call) and program.source.owner(place) is owner:
+                text = " ".join(program.source.segment(node).split())
+                used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+                rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
+                if not text.startswith(("-", "+")) and "#" not in text:
+                    ranked.append((rank, text, instance.value.index, used))
         parts = self._known[id(owner)] = {}
         for _, text, slot, used in sorted(ranked, key=lambda x: (x[0], len(x[1]))):
             parts.setdefault(text, (slot, used))
@@ -174,9 +162,8 @@ class Vocabulary:
     def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
         """Sines and cosines of coordinates that the source does not have yet."""
         program = self.program
-        coordinates = [
-            program.tape.values[k] for k in program.trace.inputs[1 : 1 + len(program.samples.q)]
-        ]
+        inputs = program.trace.inputs[1 : 1 + len(program.samples.q)]
+        coordinates = [program.tape.values[k] for k in inputs]
         terms = {
             f"{called}({text})": getattr(np, name)(program.values(k))
             for name, called in functions_used(program.source).items()
@@ -205,7 +192,9 @@ def insertions(
         yield from _number(program, requirement, node)
         return
     outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
-    factor = outer not in (ast.Mult, ast.Div) and not isinstance(parent, ast.UnaryOp)
+    # A factor of a product that is one number is put in there.
+    inner = outer in (ast.Mult, ast.Div) and source.parent[place] in program.numbers
+    factor = not inner and not isinstance(parent, ast.UnaryOp)
     term = outer not in (ast.Add, ast.Sub)
     edit = partial(EditCandidate, source, place)
     if factor:
@@ -229,14 +218,13 @@ def sums(
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
     state, constant = vocabulary.atoms(requirement)
-    few = vocabulary.table(state, 3, False, triple=SUM_TRIPLE)
     group, weight = program.samples.group, requirement.weight
-    sides = (state, few.times(weight)), (constant, vocabulary.table(constant, 3, True))
+    few = vocabulary.table(state, 3, False, triple=SUM_TRIPLE).times(weight)
+    constants = vocabulary.table(constant, 3, True)
     for missing in (True, False):
         old = requirement.value * missing
-        value, but = ((requirement.required - old) * weight, -old * weight)
-        matches = products_of_two_constants(value, group, *sides)
-        matches += two_products(value, group, *sides, but)
+        value, but = (requirement.required - old) * weight, -old * weight
+        matches = two_products(value, group, few, constants, but)
         matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
         for p, q in matches[:SHOWN]:
             p, q = (p, q) if p.number > 0 else (q, p)
@@ -256,18 +244,6 @@ def _named(source: Source, node: ast.expr) -> str:
     if isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
         return parent.targets[0].id
     return short(source.segment(node))
-
-
-def scalings(
-    program: Program, requirement: Requirement, vocabulary: Vocabulary
-) -> Iterator[EditCandidate]:
-    """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
-    node = program.source.nodes[requirement.place]
-    if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
-        factors = vocabulary.products(
-            requirement, requirement.required, np.ones_like(requirement.value)
-        )
-        yield from _factors(program, requirement.place, factors)
 
 
 def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterator[EditCandidate]:
@@ -363,6 +339,7 @@ class Product:
 class TermTable:
     """Products of atoms: values (K, ·), and blocks of (indices of atoms (k, degree), their powers)."""
 
+    atoms: Atoms
     values: Array
     blocks: tuple[tuple[NDArray[np.intp], tuple[int, ...]], ...]
 
@@ -370,11 +347,6 @@ class TermTable:
         """The products times a number (B,)."""
         with np.errstate(all="ignore"):
             return replace(self, values=self.values * weight)
-
-    def among(self, atoms: int) -> NDArray[np.intp]:
-        """The products of the first atoms alone."""
-        alone = [(indices < atoms).all(axis=1) for indices, _ in self.blocks]
-        return np.flatnonzero(np.concatenate(alone))
 
     def powers(self, k: int) -> Powers:
         """Which atoms the product k is of."""
@@ -410,7 +382,7 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> TermTable:
             for column, power in zip(indices.T, powers):
                 product = product * V[column] if power > 0 else product / V[column]
             columns.append(product)
-    return TermTable(np.concatenate(columns), tuple(blocks))
+    return TermTable(atoms, np.concatenate(columns), tuple(blocks))
 
 
 @lru_cache(maxsize=64)
@@ -422,7 +394,7 @@ def _triples(count: int) -> NDArray[np.intp]:
 
 def _coefficients(
     value: Array, group: NDArray[np.intp], state: TermTable
-) -> Iterator[tuple[Powers, Array]]:
+) -> Iterator[tuple[int, Array]]:
     """Products of what depends on the state, each with the constants (G,) that make it equal `value` (B,)."""
     S, starts = state.values, np.searchsorted(group, np.arange(group[-1] + 1))
     with np.errstate(all="ignore"):
@@ -431,47 +403,11 @@ def _coefficients(
         error = np.maximum.reduceat(np.abs(value - coefficients[:, group] * S), starts, axis=1)
         fits = error <= HALF_DIGITS * np.maximum.reduceat(np.abs(value), starts)
     for k in np.flatnonzero(fits.all(axis=1) & coefficients.any(axis=1)):
-        yield state.powers(int(k)), coefficients[k]
-
-
-def products_of_two_constants(
-    value: Array,
-    group: NDArray[np.intp],
-    state: tuple[Atoms, TermTable],
-    constant: tuple[Atoms, TermTable],
-) -> list[tuple[Product, Product]]:
-    """Two products of the same states whose sum equals `value` (B,): (m1 l1 + m2 l2) sin q.
-
-    Two sets of the constants' values give both numbers, the others test them.
-    """
-    named = constant[1].among(constant[0].names)
-    if group[-1] < 2 or len(named) > MOST_SUMMED:
-        return []
-    C, matches = constant[1].values[named], []
-    for powers, coefficient in _coefficients(value, group, state[1]):
-        with np.errstate(all="ignore"):
-            minor = coefficient[0] * C[:, 1] - coefficient[1] * C[:, 0]
-            a = minor / (np.outer(C[:, 0], C[:, 1]) - np.outer(C[:, 1], C[:, 0]))
-            sums = a[..., None] * C[:, None, 2:] + a.T[..., None] * C[None, :, 2:]
-            fits = np.abs(sums - coefficient[2:]) <= HALF_DIGITS * np.abs(coefficient[2:])
-        pairs = np.nonzero(np.triu(fits.all(axis=2), 1))
-        shares, rows = np.array([a[pairs], a.T[pairs]]), named[np.array(pairs)]
-        places, near = _plain_factors(shares)
-        for n in np.flatnonzero(near.all(axis=0)):
-            first, second = (
-                _product(number, powers, state[0], constant[1].powers(int(row)), constant[0])
-                for number, row in zip(map(_signed, places[:, n], shares[:, n]), rows[:, n])
-            )
-            matches.append((first, second))
-    return matches
+        yield int(k), coefficients[k]
 
 
 def two_products(
-    value: Array,
-    group: NDArray[np.intp],
-    state: tuple[Atoms, TermTable],
-    constant: tuple[Atoms, TermTable],
-    but: Array,
+    value: Array, group: NDArray[np.intp], state: TermTable, constant: TermTable, but: Array
 ) -> list[tuple[Product, Product]]:
     """Pairs of products whose sum equals `value` (B,), none of them equal to `but` (B,).
 
@@ -479,7 +415,7 @@ def two_products(
     over the states of the first set of parameters, for all pairs at once from the Gram
     matrix; those that fit are tried at the others.
     """
-    values, nominal = state[1].values, group == 0
+    values, nominal = state.values, group == 0
     if nominal.sum() < FEWEST_STATES or len(values) > MOST_SUMMED:
         return []
     S, y = values[:, nominal], value[nominal]
@@ -500,39 +436,32 @@ def two_products(
         for g in range(group[-1] + 1):
             some = group == g
             coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, value[some], rcond=None)[0]
-        error = value - np.sum(coefficients[:, group] * columns, axis=0)
-        if np.abs(error).max() > HALF_DIGITS * np.abs(value).max():
-            continue
-        if (
-            np.abs(coefficients * np.abs(columns).max(axis=1)[:, None]).min()
-            < 1e-6 * np.abs(y).max()
-        ):
-            continue  # one of them is not needed
         terms = coefficients[:, group] * columns
-        if (np.abs(terms - but).max(axis=1) <= HALF_DIGITS * np.abs(terms).max(axis=1)).any():
+        size = np.abs(terms).max(axis=1)
+        if (
+            np.abs(value - terms.sum(axis=0)).max() > HALF_DIGITS * np.abs(value).max()
+            or size.min() < 1e-6 * np.abs(y).max()  # one of them is not needed
+            or (np.abs(terms - but).max(axis=1) <= HALF_DIGITS * size).any()
+        ):
             continue
-        first, second = (
-            [
-                _product(number, state[1].powers(int(k)), state[0], powers, constant[0])
-                for number, powers in _numbers(coefficients[side], constant[1])
-            ]
-            for side, k in enumerate((i, j))
-        )
-        if first and second:
-            matches.append((min(first, key=_plainness), min(second, key=_plainness)))
+        sides = [
+            [_product(x, state, int(k), constant, row) for x, row in _numbers(numbers, constant)]
+            for k, numbers in zip((i, j), coefficients)
+        ]
+        if all(sides):
+            first, second = (min(side, key=_plainness) for side in sides)
+            matches.append((first, second))
     return matches
 
 
-def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Powers]]:
+def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, int]]:
     """Fractions times products of constants that equal a coefficient in every group."""
     with np.errstate(all="ignore"):
         ratio = coefficient / table.values
         middle = ratio[:, 0]
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= HALF_DIGITS * np.abs(middle)
         place, near = _plain_factors(middle)
-    return [
-        (_signed(place[k], middle[k]), table.powers(int(k))) for k in np.flatnonzero(same & near)
-    ]
+    return [(_signed(place[k], middle[k]), int(k)) for k in np.flatnonzero(same & near)]
 
 
 def _plain_factors(numbers: Array) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -552,27 +481,21 @@ def _plainness(product: Product) -> tuple[float, str]:
     return product.cost, product.text
 
 
-def _product(
-    number: Fraction, state: Powers, state_atoms: Atoms, constant: Powers, constant_atoms: Atoms
-) -> Product:
+def _product(number: Fraction, state: TermTable, k: int, constant: TermTable, row: int) -> Product:
+    """A number times a product of constants times one of what depends on the state."""
     above: list[str] = []
     below: list[str] = []
     cost = 0.0 if abs(number) == 1 else 0.35 + 0.05 * (number.denominator not in (1, 2))
-    for powers, atoms in ((constant, constant_atoms), (state, state_atoms)):
-        for (place, power), times in Counter(powers).items():
-            text = atoms.texts[place]
-            single = place < atoms.names
+    for table, entry in ((constant, row), (state, k)):
+        for (place, power), times in Counter(table.powers(entry)).items():
+            text = table.atoms.texts[place]
+            single = place < table.atoms.names
             bound = _binding(text)
             cost += 0.25 * (1 + 0.5 * (times - 1)) + (0.0 if single else 0.1 if bound else 0.3)
-            if power < 0 and atoms is state_atoms:
+            if power < 0 and table is state:
                 cost += 0.35  # nobody forgets to divide by a speed
             side = above if power > 0 else below
-            tight = (
-                bound > 2
-                or (bound == 2 and times == 1)
-                or (bound == 1 and power > 0 and times == 1)
-            )
-            own = text if tight else f"({text})"
+            own = text if bound >= (3 if times > 1 else 2 if power < 0 else 1) else f"({text})"
             side.append(own if times == 1 else f"{own}**{times}")
     return Product(number, tuple(above), tuple(below), cost)
 
@@ -581,8 +504,6 @@ def _product(
 def _binding(text: str) -> int:
     """How tightly a text holds together: 3 a name or call, 2 a power, 1 a product, 0 a sum."""
     node = ast.parse(text, mode="eval").body
-    if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.Constant):
+    if isinstance(node, ATOMS):
         return 3
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        return 2
-    return int(isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult))
+    return {ast.Pow: 2, ast.Mult: 1}.get(type(node.op), 0) if isinstance(node, ast.BinOp) else 0

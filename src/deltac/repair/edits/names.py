@@ -16,7 +16,7 @@ from deltac.repair.edits.candidates import EditCandidate
 from deltac.repair.tracing.library import REPLACEMENTS, NotUnderstood, arrayed, flatten, tape_of
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
+from deltac.repair.tracing.tape import Slot, TapeBranch, TapeChange, TapeError
 from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
 
 NEIGHBOURS = {"": 0, " - 1": -1, " + 1": 1}
@@ -170,10 +170,6 @@ class TracedNames:
         program, place = self.program, candidate.place
         tape, instances = program.tape, program.trace.instances.get(place, [])
         changes: dict[int, TapeChange] = {}
-        if isinstance(candidate.new, ast.List | ast.Tuple):
-            return self._exchanged(program.source.nodes[place], candidate.new)
-        if isinstance(candidate.new, str | ast.stmt):
-            return self._updated(candidate)
         for k, instance in enumerate(instances):
             shared = tape_of(instance.value)
             if shared is None:
@@ -200,39 +196,7 @@ class TracedNames:
                     changes[index] = change
         return changes
 
-    def _exchanged(self, node: ast.AST, new: ast.List | ast.Tuple) -> dict[int, TapeChange]:
-        """Elements of a list take each other's values, computed anew from what stands before both."""
-        tape, number = self.program.tape, self.program.source.number
-
-        def values(part: ast.AST) -> list[Any]:
-            instances = self.program.trace.instances.get(number[id(part)], [])
-            return [value for instance in instances for value in flatten(instance.value)]
-
-        pairs: list[tuple[Any, Any]] = []
-        for old, other in zip(getattr(node, "elts", ()), new.elts):
-            if old is not other:
-                before, after = values(old), values(other)
-                own = all(
-                    isinstance(x, Slot) and tape.nodes[x.index] == number[id(old)] for x in before
-                )
-                if not before or len(before) != len(after) or not own:
-                    return {}
-                pairs += zip(before, after)
-        first = min((slot.index for slot, _ in pairs), default=0)
-        anew = range(first, len(tape))
-        return {
-            slot.index: tape.spliced(tape.slot(value), len(tape), anew) for slot, value in pairs
-        }
-
-    def _updated(self, candidate: EditCandidate) -> dict[int, TapeChange]:
-        """An update x += y by another operator, on the numbers that it had."""
-        if not isinstance(candidate.new, ast.AugAssign):
-            return {}
-        tape, operation = self.program.tape, BINARY[type(candidate.new.op).__name__]
-        slots = [slot.index for slot in self.program.slots(candidate.place)]
-        return {k: TapeChange(operation, tape.inputs[k]) for k in slots if len(tape.inputs[k]) == 2}
-
-    def _value(self, tree: ast.AST, k: int, count: int, instance: Instance) -> Any:
+    def _value(self, tree: ast.AST | str, k: int, count: int, instance: Instance) -> Any:
         """What a tree is worth at the evaluation k of `count`; LookupError where that is not known."""
         program = self.program
         place = program.source.number.get(id(tree))

@@ -29,6 +29,7 @@ STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 
 Flags: TypeAlias = NDArray[np.bool_]
 Residual: TypeAlias = Callable[[Array], Array]
+Step: TypeAlias = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,35 +89,19 @@ class Requirements:
             requirement = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
         return requirement if isinstance(requirement, Requirement) else None
 
-    def scale(self, place: int) -> Requirement | None:
-        """The factor that all values of a node must have: of an array's entries, of a loop's turns."""
-        own = _slots(self.program, place)
-        if not own:
-            return None
-        common = not any(self.program.tape.varying[k] for k in own)
-        with np.errstate(all="ignore"):
-            requirement = self._solve(place, own[0], common, scaled=True)
-        return (
-            requirement if isinstance(requirement, Requirement) and requirement.sufficient else None
-        )
-
     def _solve(
-        self, place: int, slot: int, common: bool, only: int | None = None, scaled: bool = False
+        self, place: int, slot: int, common: bool, only: int | None = None
     ) -> Requirement | bool | None:
         """The requirement; False if there can be none, None if none was found.
 
         `common`: one value for all states of a set of parameters. `only`: for this equation alone.
-        `scaled`: not the value itself is sought, but a factor of all the node's values.
         """
         program = self.program
-        value = 1.0 if scaled else program.tape.values[slot]
-        start = np.broadcast_to(value, program.samples.t.shape).astype(float)
+        start = program.values(slot)
         group = program.samples.group
         starts = np.searchsorted(group, np.arange(group[-1] + 1))
 
         def residual(x: Array) -> Array:
-            if scaled:
-                return program.residual(_scaled(program, place, x))
             return program.residual({slot: TapeChange.to(x)})
 
         def nearest(slope: Array, r: Array) -> Array:
@@ -153,7 +138,7 @@ class Requirements:
             x, solved = _divided(residual, nearest, rows, start)
             straight = bool(solved.all())
         if not straight:
-            x, solved = _newton(residual, nearest, rows, start, size, common)
+            x, solved = _newton(residual, nearest, rows, start, common)
         if not solved.all():
             return None
         after = residual(x)
@@ -168,9 +153,7 @@ class Requirements:
         )
 
 
-def _divided(
-    residual: Residual, nearest: Callable[[Array, Array], Array], rows: Flags, start: Array
-) -> tuple[Array, Flags]:
+def _divided(residual: Residual, nearest: Step, rows: Flags, start: Array) -> tuple[Array, Flags]:
     """Roots where the equations are linear in 1/x, as in a divisor: one step."""
     y = 1.0 / np.where(start == 0.0, 1.0, start)
     h = 1e-4 * np.abs(y)
@@ -185,35 +168,13 @@ def sizes(value: Array) -> Array:
     return np.abs(value) + np.sqrt(np.mean(value**2)) if value.any() else np.ones_like(value)
 
 
-def _slots(program: Program, place: int) -> list[int]:
-    """All slots that a node itself has computed."""
-    return [s.index for s in program.slots(place) if program.tape.nodes[s.index] == place]
-
-
-def _scaled(program: Program, place: int, factor: Array) -> dict[int, TapeChange]:
-    """All values of a node times a factor (B,)."""
-    tape = program.tape
-
-    def times(k: int) -> TapeChange:
-        operation, value = tape.operations[k], tape.values[k]
-        if operation is None:
-            return TapeChange.to(value * factor)
-        return TapeChange(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
-
-    return {k: times(k) for k in _slots(program, place)}
-
-
 def _newton(
-    residual: Residual,
-    nearest: Callable[[Array, Array], Array],
-    rows: Flags,
-    start: Array,
-    size: Array,
-    common: bool,
+    residual: Residual, nearest: Step, rows: Flags, start: Array, common: bool
 ) -> tuple[Array, Flags]:
     """Roots of the residual in `rows`, and at which states they were found."""
     best = start.copy()
     solved: Flags = np.zeros(start.shape, dtype=bool)
+    size = sizes(start)
     h = 1e-7 * size
     for multiple in STARTS:
         x = multiple * start
@@ -230,9 +191,8 @@ def _newton(
                 break
         if solved.all() or (multiple == -1.0 and np.mean(solved) < 0.3):
             break  # hopeless: the states contradict each other
-    if (
-        solved.all()
-    ):  # once more: the last step of a quadratic method gives the other half of the digits
+    if solved.all():
+        # Once more: the last step of a quadratic method gives the other half of the digits.
         dx = nearest((residual(best + h)[rows] - residual(best)[rows]) / h, residual(best)[rows])
         best = np.where(np.isfinite(dx), best + dx, best)
     return best, solved

@@ -57,9 +57,7 @@ def _text_edits(source: Source) -> list[EditCandidate]:
             continue
         for node in ast.walk(statement):
             place = source.number.get(id(node))
-            if place is None or not isinstance(node, ast.expr | ast.stmt):
-                continue
-            if isinstance(node, ast.AugAssign) or valued(source, place):
+            if place is not None and valued(source, place):
                 candidates += edits(source, place, names)
                 candidates += additions(source, place, names)
     return sorted(candidates, key=lambda c: (c.cost, c.place))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import Vocabulary, insertions, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements, sizes
 from deltac.repair.edits.single import additions, edits
@@ -26,9 +26,6 @@ from deltac.repair.tracing.tape import TapeChange
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-MODELLED = 0.5
-"""What it costs to change a number that is one of the model's parameters."""
 
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
@@ -68,9 +65,8 @@ class EditSearch:
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
         undecided = [*others, *self.requirements.undecided]
-        right += self.passing([*undecided, *self.program.lists], edits)
+        right += self.passing(undecided, edits)
         if not any(c.cost <= SIMPLE for c in right):
-            right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
             right += [c for r in self.sufficient for c in sums(self.program, r, self.vocabulary)]
@@ -80,17 +76,6 @@ class EditSearch:
 
     def edits(self, r: Requirement) -> Iterator[EditCandidate]:
         """Edits of one expression that give it the value it must have."""
-        dearer = MODELLED if self._as_modelled(r.place) else 0.0
-        yield from (replace(c, cost=c.cost + dearer) for c in self._edits(r))
-
-    def _as_modelled(self, place: int) -> bool:
-        """Whether a node is a number that is one of the model's parameters: it is hardly the mistake."""
-        node = self.program.source.nodes[place]
-        value = getattr(node, "value", None)
-        parameters = self.target.mechanism.parameters.values()
-        return isinstance(value, float) and not value.is_integer() and value in parameters
-
-    def _edits(self, r: Requirement) -> Iterator[EditCandidate]:
         yield from (c for c, changes in self.tried([r.place], edits) if self._meets(r, changes))
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:
@@ -125,17 +110,6 @@ class EditSearch:
     def passing(self, places: Iterable[int], kind: EditKind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
         return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
-
-    def scaled(self, places: Iterable[int]) -> list[EditCandidate]:
-        """Factors of arrays, and of what is evaluated more than once."""
-        right: list[EditCandidate] = []
-        for place in places:
-            if time.monotonic() > self.deadline:
-                break
-            requirement = self.requirements.scale(place)
-            if requirement is not None:
-                right += scalings(self.program, requirement, self.vocabulary)
-        return right
 
 
 def confirmed(
@@ -195,9 +169,7 @@ def _first_edits(search: EditSearch) -> list[FirstEdit]:
     pool: list[FirstEdit] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
-    trials = itertools.chain(
-        search.tried([*program.lists, *places], edits), search.tried(varying, additions)
-    )
+    trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
     for candidate, changes in itertools.islice(trials, OPERATIONS // 1000):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()

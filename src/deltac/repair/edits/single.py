@@ -1,7 +1,7 @@
 """All single edits of a node: what else could stand in its place.
 
 One list for functions that are traced and for those that can only be run: signs, operators, functions,
-powers, numbers, names, indices; matrices transposed or inverted; parentheses elsewhere; arguments exchanged.
+powers, numbers, names, indices; matrices transposed, inverted, or multiplied by others.
 Whether an edit is right is seen on the tape; of functions that are not traced, by running the text again.
 """
 
@@ -27,7 +27,6 @@ from deltac.repair.edits.candidates import (
     variable,
 )
 from deltac.repair.edits.names import Names
-from deltac.repair.tracing.modules import bound
 from deltac.repair.tracing.source import Source
 
 FAMILIES = (
@@ -53,7 +52,7 @@ Edits: TypeAlias = Iterator[EditCandidate]
 
 
 def edits(source: Source, place: int, names: Names) -> Edits:
-    """Edits of a node that is evaluated: of an expression, or an update x += y."""
+    """Edits of an expression that is evaluated."""
     node = source.nodes[place]
     edit = partial(EditCandidate, source, place)
     own = short(source.segment(node))
@@ -67,10 +66,6 @@ def edits(source: Source, place: int, names: Names) -> Edits:
     match node:
         case ast.BinOp():
             yield from _operators(source, place, node)
-        case ast.AugAssign():
-            yield from _updates(source, place, node)
-        case ast.List() | ast.Tuple():
-            yield from _exchanges(source, place, node)
         case ast.Call():
             yield from _functions(source, place, node)
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
@@ -94,23 +89,8 @@ def edits(source: Source, place: int, names: Names) -> Edits:
         yield from _arrays(source, place, node, names)
 
 
-def smaller_indices(source: Source, line: int) -> Edits:
-    """Smaller numbers for the indices in a line where one is out of range."""
-    for place, node in enumerate(source.nodes):
-        if not isinstance(node, ast.Subscript) or not node.lineno <= line <= (node.end_lineno or 0):
-            continue
-        entries = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        for k, entry in enumerate(entries):
-            if isinstance(entry, ast.Constant) and isinstance(entry.value, int):
-                for index in range(entry.value):
-                    others = [*entries[:k], ast.Constant(index), *entries[k + 1 :]]
-                    new = others[0] if len(others) == 1 else ast.Tuple(others, ast.Load())
-                    tree = ast.Subscript(node.value, new, node.ctx)
-                    yield EditCandidate(source, place, tree, "index", 1.0)
-
-
 def additions(source: Source, place: int, names: Names) -> Edits:
-    """What is forgotten beside a node: a name as a factor, a divisor or a term."""
+    """What is forgotten beside a node: a name or 2 as a factor or a divisor, or a term."""
     node = source.nodes[place]
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
@@ -120,8 +100,8 @@ def additions(source: Source, place: int, names: Names) -> Edits:
     own, shape, arrays = short(source.segment(node)), names.shape(place), names.arrays(place)
     alike = [text for text, other in arrays.items() if other == shape]
     if outer not in (ast.Mult, ast.Div, ast.Pow):
-        for text in [*names.numbers(place), *alike]:
-            factor = variable(text)
+        factors = {text: variable(text) for text in (*names.numbers(place), *alike)}
+        for text, factor in {**factors, "2": ast.Constant(2)}.items():
             yield edit(product(node, factor), "factor", 1.6, f"{own} lacks the factor {text}")
             divided = f"{own} must be divided by {text}"
             yield edit(product(node, factor, True), "factor", 1.6, divided)
@@ -141,10 +121,6 @@ def additions(source: Source, place: int, names: Names) -> Edits:
 # --- expressions ----------------------------------------------------------------------------------
 
 
-def _symbol(op: ast.operator) -> str:
-    return SYMBOLS.get(type(op), "")
-
-
 def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
     """How odd a minus is here: a factor's sign is that of its product, and a length's is not forgotten."""
     parent = source.nodes[source.parent[place]]
@@ -157,15 +133,20 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
     """Another operator, operands exchanged, one of them left out."""
     edit = partial(EditCandidate, source, place)
     first, second = (short(source.segment(part)) for part in (node.left, node.right))
-    own, symbol = short(source.segment(node)), _symbol(node.op)
+    own, symbol = short(source.segment(node)), SYMBOLS.get(type(node.op), "")
     if isinstance(node.op, ast.MatMult):
         words = f"{own}: the factors should be exchanged"
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.1, words)
     if not symbol:
         return
-    for op, kind, words in _other_operators(node.op, own, second):
-        if not isinstance(op, ast.Pow) or isinstance(node.right, ast.Constant):
-            yield edit(ast.BinOp(node.left, op, node.right), kind, 1.0, words)
+    for op, other in SYMBOLS.items():
+        if other == symbol or (other == "**" and not isinstance(node.right, ast.Constant)):
+            continue
+        kind, words = "operator", f"{own}: {symbol} should be {other}"
+        if symbol in SIGNS and other in SIGNS:
+            kind = "sign"
+            words = f"{second} enters with {SIGNS[symbol]}, should be {SIGNS[other]}"
+        yield edit(ast.BinOp(node.left, op(), node.right), kind, 1.0, words)
     if symbol in "-/":
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
     part = "term" if symbol in SIGNS else "factor"
@@ -177,31 +158,8 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
         yield edit(node.right, part, 1.3, f"the {noun} {first} should not be there")
 
 
-def _updates(source: Source, place: int, node: ast.AugAssign) -> Edits:
-    """Another operator in an update: x += y for x -= y, x *= y for x /= y."""
-    own, value = short(source.segment(node)), short(source.segment(node.value))
-    for op, kind, words in _other_operators(node.op, own, value):
-        if not isinstance(op, ast.Pow):
-            new = ast.AugAssign(node.target, op, node.value)
-            yield EditCandidate(source, place, new, kind, 1.0, words)
-
-
-def _other_operators(
-    op: ast.operator, own: str, value: str
-) -> Iterator[tuple[ast.operator, str, str]]:
-    """What may stand for an operator before a value: the kind of the edit, and the edit in words."""
-    symbol = _symbol(op)
-    for kind, other in SYMBOLS.items():
-        if symbol in ("", other):
-            continue
-        if symbol in SIGNS and other in SIGNS:
-            yield kind(), "sign", f"{value} enters with {SIGNS[symbol]}, should be {SIGNS[other]}"
-        else:
-            yield kind(), "operator", f"{own}: {symbol} should be {other}"
-
-
 def _functions(source: Source, place: int, node: ast.Call) -> Edits:
-    """Another function of the same family, or none; arguments exchanged, or one of them twice."""
+    """Another function of the same family, or none."""
     edit = partial(EditCandidate, source, place)
     name, arguments = called(node), node.args
     own = short(source.segment(node))
@@ -215,32 +173,6 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
     nothing = f"{own}: {name} should not be there"
     if len(arguments) == 1:
         yield edit(arguments[0], "function", 1.2, nothing)
-    for i, j in itertools.permutations(range(len(arguments)), 2):
-        one, other = (source.segment(arguments[k]) for k in (i, j))
-        if one == other:
-            continue
-        twice = [*arguments[:i], arguments[j], *arguments[i + 1 :]]
-        words = f"{short(one)} should be {short(other)}"
-        yield edit(ast.Call(node.func, twice, []), "name", 1.2, words)
-        if i < j:
-            swapped = [*arguments]
-            swapped[i], swapped[j] = arguments[j], arguments[i]
-            words = f"{own}: {short(one, 30)} and {short(other, 30)} should be exchanged"
-            yield edit(ast.Call(node.func, swapped, []), "order", 1.05, words)
-
-
-def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
-    """Two elements of a list or of an unpacking exchanged."""
-    if isinstance(source.nodes[source.parent[place]], ast.Subscript):
-        return
-    for i, j in itertools.combinations(range(len(node.elts)), 2):
-        one, other = (source.segment(node.elts[k]) for k in (i, j))
-        if one != other:
-            elements = [*node.elts]
-            elements[i], elements[j] = elements[j], elements[i]
-            words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
-            new = type(node)(elements, node.ctx)
-            yield EditCandidate(source, place, new, "order", 1.2, words)
 
 
 def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
@@ -248,8 +180,7 @@ def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
     if isinstance(like, ast.Attribute):
         math = isinstance(like.value, ast.Name) and like.value.id == "math"
         return None if math and name in NOT_IN_MATH else ast.Attribute(like.value, name, ast.Load())
-    names = {n for statement in source.module.body for n in bound(statement)}
-    return variable(name) if name in names else None
+    return variable(name) if name in source.user_module.setters else None
 
 
 def _applied(source: Source, place: int, node: ast.expr) -> Edits:

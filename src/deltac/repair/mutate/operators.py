@@ -16,6 +16,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 from deltac.foreign.scripts import called
+from deltac.repair.sandbox import module_for
 from deltac.repair.tracing.source import Source
 from deltac.results import Serialisable
 
@@ -34,6 +35,12 @@ MUTANT_KINDS: dict[str, str] = {
 """Kinds of mutants, and the operators that they stand for."""
 
 _ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.Div)
+_DELETIONS: dict[type[ast.operator], str] = {
+    ast.Mult: "dropped factor", ast.Div: "dropped factor", ast.Pow: "power",
+    ast.Add: "dropped term", ast.Sub: "dropped term",
+}  # fmt: skip
+"""What kind of mutant an operator leaves that has lost an operand."""
+
 _RELATED = (
     {"sin", "cos", "tan"},
     {"arcsin", "arccos", "arctan", "asin", "acos", "atan"},
@@ -93,11 +100,10 @@ def mutants(
 
 
 def _scopes(module: ast.Module, function: str | None) -> list[ast.stmt]:
-    """A function and the constants that it uses; without one, all functions, constants and fields."""
-    functions = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
+    """What a function needs of its module; without one, all functions, constants and fields."""
     if function is not None:
-        target = next(f for f in functions if f.name == function and f in module.body)
-        return [*_constants(module, target), target]
+        return module_for(module, function).body
+    functions = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
     classes = [c for c in module.body if isinstance(c, ast.ClassDef)]
     fields = [s for c in classes for s in c.body if not isinstance(s, ast.FunctionDef)]
     return [*functions, *_assignments(module), *fields]
@@ -147,21 +153,6 @@ def _other_entries(
 
 
 # --- where ------------------------------------------------------------------------------------------
-
-
-def _constants(module: ast.Module, target: ast.FunctionDef) -> list[ast.Assign]:
-    """Assignments of the module whose names the function uses, directly or through others."""
-    needed = {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
-    chosen: list[ast.Assign] = []
-    for statement in reversed(module.body):
-        if isinstance(statement, ast.Assign):
-            bound = {
-                n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)
-            }
-            if bound & needed:
-                chosen.insert(0, statement)
-                needed |= {n.id for n in ast.walk(statement.value) if isinstance(n, ast.Name)}
-    return chosen
 
 
 def _known(module: ast.Module, scope: ast.stmt) -> dict[str, int]:
@@ -250,23 +241,18 @@ def _changes(
 
 
 def _binary(node: ast.BinOp) -> Iterator[tuple[str, ast.AST]]:
-    if isinstance(node.op, _ARITHMETIC):
-        for op in _ARITHMETIC:
-            if not isinstance(node.op, op):
-                yield "operator", ast.BinOp(node.left, op(), node.right)
-    if isinstance(node.op, ast.Mult):
-        yield "dropped factor", node.left
-        yield "dropped factor", node.right
-    elif isinstance(node.op, ast.Div):
-        yield "dropped factor", node.left
-    elif isinstance(node.op, ast.Pow):
-        yield "power", node.left
-    elif isinstance(node.op, ast.Add):
-        yield "dropped term", node.left
-        yield "dropped term", node.right
+    """Another operator, or one of the operands left out."""
+    for op in _ARITHMETIC if isinstance(node.op, _ARITHMETIC) else ():
+        if not isinstance(node.op, op):
+            yield "operator", ast.BinOp(node.left, op(), node.right)
+    kind = _DELETIONS.get(type(node.op))
+    if kind is None:
+        return
+    yield kind, node.left
+    if isinstance(node.op, ast.Mult | ast.Add):
+        yield kind, node.right
     elif isinstance(node.op, ast.Sub):
-        yield "dropped term", node.left
-        yield "dropped term", ast.UnaryOp(ast.USub(), node.right)
+        yield kind, ast.UnaryOp(ast.USub(), node.right)
 
 
 def _other_constants(value: float) -> list[float]:

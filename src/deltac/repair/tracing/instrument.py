@@ -84,16 +84,6 @@ def _name(text: str) -> Any:
     return make.Name(text, ast.Load())
 
 
-def _read(target: ast.expr) -> Any:
-    """The names of a target as an expression; None for what else is set."""
-    match target:
-        case ast.Name(id=name):
-            return _name(name)
-        case ast.Tuple(elts=parts) | ast.List(elts=parts):
-            return make.Tuple([_read(part) for part in parts], ast.Load())
-    return make.Constant(None)
-
-
 def _hook(name: str, *arguments: Any) -> Any:
     """A call of the tracer; arguments that are no nodes become constants."""
     nodes = [a if isinstance(a, ast.AST) else make.Constant(a) for a in arguments]
@@ -129,17 +119,11 @@ class _Rewriter:
                 return self.statements(value)
             case list():
                 return [self.part(one) for one in value]
+            case ast.expr() if isinstance(getattr(value, "ctx", None), ast.Store | ast.Del):
+                return self.target(value)
             case ast.expr():
                 return self.expression(value)
-            case ast.pattern():
-                return value
-            case (
-                ast.comprehension()
-                | ast.match_case()
-                | ast.ExceptHandler()
-                | ast.withitem()
-                | ast.keyword()
-            ):
+            case ast.match_case() | ast.ExceptHandler() | ast.withitem() | ast.keyword():
                 return self.same(value)
         return value
 
@@ -185,17 +169,12 @@ class _Rewriter:
             new = self.expression(value)
         if isinstance(value, LITERAL) or any(isinstance(t, ast.Tuple | ast.List) for t in targets):
             new = _hook("named", self.number[id(s)], new)
-        return self.checked(targets, new)
-
-    def checked(self, targets: list[ast.expr], value: ast.expr) -> Any:
-        """A value that is given to names, some of them the module's from within a function."""
-        for t in targets if self.globals else ():
-            if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
-                value = _hook("outside", self.number[id(t)])
-        return value
+        return new
 
     def target(self, t: ast.expr) -> Any:
         match t:
+            case ast.Name(id=name) if name in self.globals:
+                return make.Attribute(_hook("outside", self.number[id(t)]), name, t.ctx)
             case ast.Subscript():
                 base = _hook("into", self.number[id(t)], self.plain(t.value))
                 return make.Subscript(base, self.index(t.slice), t.ctx)
@@ -210,10 +189,9 @@ class _Rewriter:
 
     def visit_AugAssign(self, s: ast.AugAssign) -> Any:
         old = self.plain(s.target)
-        new = _hook(
-            "update", self.number[id(s)], type(s.op).__name__, old, self.expression(s.value)
-        )
-        return make.Assign([self.target(s.target)], self.checked([s.target], new))
+        value = self.expression(s.value)
+        new = _hook("update", self.number[id(s)], type(s.op).__name__, old, value)
+        return make.Assign([self.target(s.target)], new)
 
     def visit_Expr(self, s: ast.Expr) -> Any:
         if isinstance(s.value, ast.Constant):
@@ -224,24 +202,18 @@ class _Rewriter:
         return self.same(s)
 
     def visit_For(self, s: ast.For) -> Any:
-        over = self.plain(s.iter) if isinstance(s.iter, ast.Name) else self.expression(s.iter)
-        body, orelse = self.statements(s.body), self.part(s.orelse)
-        item = _hook("item", self.number[id(s)], _read(s.target))
-        body.insert(0, ast.copy_location(make.Expr(item), s))
-        return make.For(self.target(s.target), _hook("over", over), body, orelse)
+        return make.For(self.target(s.target), self.over(s.iter), self.turn(s), self.part(s.orelse))
+
+    def over(self, e: ast.expr) -> Any:
+        """What a loop goes over: an array that has a name is that array itself."""
+        return self.plain(e) if isinstance(e, ast.Name) else self.expression(e)
+
+    def turn(self, s: ast.For | ast.While) -> list[ast.stmt]:
+        """The statements of one turn of a loop."""
+        return [_placed(make.Expr(_hook("turn")), s), *self.statements(s.body)]
 
     def visit_While(self, s: ast.While) -> Any:
-        body = [_placed(make.Expr(_hook("turn")), s), *self.statements(s.body)]
-        return make.While(self.expression(s.test), body, self.part(s.orelse))
-
-    def visit_With(self, s: ast.With) -> Any:
-        items = [
-            ast.withitem(
-                self.expression(i.context_expr), i.optional_vars and self.target(i.optional_vars)
-            )
-            for i in s.items
-        ]
-        return make.With(items, self.statements(s.body))
+        return make.While(self.expression(s.test), self.turn(s), self.part(s.orelse))
 
     def visit_Assert(self, s: ast.Assert) -> Any:
         return make.Pass()
@@ -249,9 +221,6 @@ class _Rewriter:
     def visit_Global(self, s: ast.Global) -> Any:
         self.globals = self.globals | set(s.names)
         return s
-
-    def visit_Delete(self, s: ast.Delete) -> Any:
-        return make.Delete([self.target(t) for t in s.targets])
 
     def visit_Raise(self, s: ast.Raise) -> Any:
         return s
@@ -299,19 +268,14 @@ class _Rewriter:
                 return None
             return _hook("default", arg.arg, self.number.get(id(value)), self.expression(value))
 
-        def bare(args: Iterable[ast.arg]) -> list[ast.arg]:
-            return [make.arg(x.arg) for x in args]
+        def bare(arg: ast.arg | None) -> Any:
+            return arg and make.arg(arg.arg)
 
-        last = every[len(every) - len(a.defaults) :]
         return ast.arguments(
-            bare(a.posonlyargs),
-            bare(a.args),
-            a.vararg and make.arg(a.vararg.arg),
-            bare(a.kwonlyargs),
-            [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],
-            a.kwarg and make.arg(a.kwarg.arg),
-            [default(arg, value) for arg, value in zip(last, a.defaults)],
-        )
+            [*map(bare, a.posonlyargs)], [*map(bare, a.args)], bare(a.vararg), [*map(bare, a.kwonlyargs)],
+            [*map(default, a.kwonlyargs, a.kw_defaults)], bare(a.kwarg),
+            [*map(default, every[len(every) - len(a.defaults) :], a.defaults)],
+        )  # fmt: skip
 
     def visit_ClassDef(self, s: ast.ClassDef) -> Any:
         bases: list[ast.expr] = [_hook("base", self.expression(b)) for b in s.bases]
@@ -351,8 +315,7 @@ class _Rewriter:
                 new = self.call(e)
             case ast.Dict():
                 keys = [None if k is None else self.index(k) for k in e.keys]
-                entries = make.Dict(keys, [self.expression(v) for v in e.values])
-                new = _hook("literal", place, entries)
+                new = make.Dict(keys, [self.expression(v) for v in e.values])
             case ast.Set():
                 new = make.Set([self.index(v) for v in e.elts])
             case ast.Lambda():
@@ -443,12 +406,10 @@ class _Rewriter:
         names: list[str] = []
         self.inner.append(names)
         for g in e.generators:
-            over = self.plain(g.iter) if isinstance(g.iter, ast.Name) else self.expression(g.iter)
+            over = self.over(g.iter)
             names += [n.id for n in ast.walk(g.target) if isinstance(n, ast.Name)]
             tests = [self.expression(test) for test in g.ifs]
-            generators.append(
-                ast.comprehension(self.target(g.target), _hook("over", over), tests, g.is_async)
-            )
+            generators.append(ast.comprehension(self.target(g.target), over, tests, g.is_async))
         if isinstance(e, ast.DictComp):
             new: Any = make.DictComp(self.index(e.key), self.noted(e.value), generators)
         else:

@@ -22,7 +22,6 @@ from deltac.repair.tracing.tape import (
     Slot,
     Solve,
     TapeRow,
-    identity,
 )
 
 
@@ -246,27 +245,18 @@ def solve(A: Any, b: Any, *more: Any, **named: Any) -> Any:
 
 def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
     """The matrix that an array of slots is the inverse of, if it is one: M⁻¹ f is better solved for."""
-    if not isinstance(value, np.ndarray) or value.ndim != 2 or value.shape[0] != value.shape[1]:
+    n = len(value) if isinstance(value, np.ndarray) and value.ndim == 2 else 0
+    if not n or value.shape != (n, n) or not all(isinstance(x, Slot) for x in value.flat):
         return None
-    n = len(value)
-    wholes = []
-    for (i, j), entry in np.ndenumerate(value):
-        if not isinstance(entry, Slot):
-            return None
-        tape, k = entry.tape, entry.index
-        while tape.operations[k] is identity:
-            (k,) = tape.inputs[k]
-        if tape.operations[k] != TapeRow(i) or tape.operations[tape.inputs[k][0]] != Solve(n):
-            return None
-        if i == 0:
-            wholes.append(tape.inputs[tape.inputs[k][0]])
-        elif tape.inputs[tape.inputs[k][0]] != wholes[j]:
-            return None
-    for j, inputs in enumerate(wholes):
-        right = [tape.exact[k] for k in inputs[n * n :]]
-        if inputs[: n * n] != wholes[0][: n * n] or right != [float(i == j) for i in range(n)]:
-            return None
-    return objects([Slot(tape, k) for k in wholes[0][: n * n]]).reshape(n, n)
+    tape = value.flat[0].tape
+    wholes = [tape.whole([x.index for x in column]) for column in value.T]
+    if any(whole is None or tape.operations[whole] != Solve(n) for whole in wholes):
+        return None
+    systems = [tape.inputs[whole] for whole in wholes]
+    right = [[tape.exact[k] for k in system[n * n :]] for system in systems]
+    if len({system[: n * n] for system in systems}) > 1 or right != np.eye(n).tolist():
+        return None
+    return objects([Slot(tape, k) for k in systems[0][: n * n]]).reshape(n, n)
 
 
 def product(A: Any, B: Any) -> Any:
@@ -334,12 +324,11 @@ def least(pick: str) -> Callable[..., Any]:
     return call
 
 
-def clip(x: Any, low: Any = None, high: Any = None, **named: Any) -> Any:
-    """np.clip."""
-    low, high = (
-        next((named[k] for k in names if k in named), bound)
-        for names, bound in ((("a_min", "min"), low), (("a_max", "max"), high))
-    )
+def clip(
+    x: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None, **named: Any
+) -> Any:
+    """np.clip, with the names of its bounds in NumPy and in JAX."""
+    low, high = (a_min if min is None else min), (a_max if max is None else max)
     above = x if low is None else applied(np.maximum, x, low)
     return above if high is None else applied(np.minimum, above, high)
 
@@ -408,15 +397,11 @@ REPLACEMENTS: dict[str, Callable[..., Any]] = {
 """What takes the place of a library's function of this name."""
 
 
-def _array_max(pick: str) -> Callable[..., Any]:
-    return lambda a, **named: least(pick)(a)
-
-
 METHODS: Mapping[str, Callable[..., Any]] = {
     "astype": lambda a, *arguments, **named: a.copy(),
     "dot": dot,
-    "max": _array_max("maximum"),
-    "min": _array_max("minimum"),
+    "max": lambda a, **named: least("maximum")(a),
+    "min": lambda a, **named: least("minimum")(a),
     "fill": lambda a, value: a.fill(value),
     "clip": clip,
     "conj": lambda a: a,

@@ -109,10 +109,7 @@ def found_beside(path: Path | None, name: str, level: int = 0) -> UserModule | N
     roots = [folder] if level else [folder, *list(folder.parents)[:3]]
     for root in roots:
         stem = root.joinpath(*parts)
-        for file in (
-            stem.with_suffix(".py") if parts else root / "__init__.py",
-            stem / "__init__.py",
-        ):
+        for file in (stem / "__init__.py", stem.with_suffix(".py")):
             if file.is_file():
                 return read_module(file)
     return None
@@ -132,18 +129,13 @@ def read_module(file: Path) -> UserModule | None:
 def bound(statement: ast.stmt) -> set[str]:
     """Names that a statement of a module sets or changes."""
     match statement:
-        case ast.FunctionDef() | ast.ClassDef() | ast.AsyncFunctionDef():
-            return {statement.name}
-        case ast.Import() | ast.ImportFrom():
-            return {(a.asname or a.name.partition(".")[0]) for a in statement.names} - {"*"}
         case ast.Expr(value=ast.Call(func=ast.Attribute() as called)):
             return {base_name(called)} - {""}  # M.append(x), jax.config.update(…)
-        case ast.Expr() | ast.Pass():
-            return set()
         case ast.If() if _main(statement.test):
             return set()
-        case _:
-            return set(_stored(ast.walk(statement))) - {""}
+        case ast.FunctionDef() | ast.ClassDef() | ast.AsyncFunctionDef():
+            return {statement.name}
+    return set(_stored(ast.walk(statement))) - {""}
 
 
 def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:

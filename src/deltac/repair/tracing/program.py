@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
+from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, matrix_and_rest
 from deltac.repair.tracing.tracer import IndexOutOfRange, Instance, Trace, branches, signature_of
 from deltac.simulation import StateForm, candidate_forms, likeliest
 
@@ -74,22 +73,16 @@ class Program:
     def system(self, changes: Mapping[int, TapeChange] | None = None) -> tuple[Array, Array]:
         """A (B, n, n) and b (n, B), where what is returned is the solution of A u̇ = b."""
         assert self._system is not None
-        n = len(self.samples.acceleration)
         entries = self.tape.run(self._system, changes)
-        return np.moveaxis(entries[: n * n].reshape(n, n, -1), -1, 0), entries[n * n :]
+        return matrix_and_rest(entries, len(self.samples.acceleration))
 
     @cached_property
     def _system(self) -> tuple[int, ...] | None:
         """Slots of A and b, where what is returned is the solution of A u̇ = b."""
-        tape, wholes = self.tape, set()
-        for place, slot in enumerate(self.trace.outputs):
-            while tape.operations[slot] is identity:
-                (slot,) = tape.inputs[slot]
-            if tape.operations[slot] != TapeRow(place):
-                return None
-            wholes.add(tape.inputs[slot][0])
-        whole = wholes.pop()
-        return tape.inputs[whole] if tape.operations[whole] == Solve(place + 1) else None
+        whole = self.tape.whole(self.trace.outputs)
+        if whole is None or self.tape.operations[whole] != Solve(len(self.trace.outputs)):
+            return None
+        return self.tape.inputs[whole]
 
     @property
     def solves(self) -> bool:
@@ -127,27 +120,11 @@ class Program:
         """Nodes of one number in one slot: those that a single value can stand for."""
         numbers = {}
         for place, instances in self.trace.instances.items():
-            value = instances[0].value
-            if not isinstance(value, Slot):
-                continue
-            if any(
-                not isinstance(i.value, Slot) or i.value.index != value.index for i in instances
-            ):
-                continue
-            if self.tape.nodes[value.index] == place and self.matters(value.index):
+            slot, *others = {i.value.index if isinstance(i.value, Slot) else -1 for i in instances}
+            own = not others and slot >= 0 and self.tape.nodes[slot] == place
+            if own and self.matters(slot):
                 numbers[place] = instances[0]
         return numbers
-
-    @cached_property
-    def lists(self) -> list[int]:
-        """Lists and tuples of which an element is evaluated: the trace notes the elements alone."""
-        nodes, number = self.source.nodes, self.source.number
-        return [
-            place
-            for place, node in enumerate(nodes)
-            if isinstance(node, ast.List | ast.Tuple) and isinstance(node.ctx, ast.Load)
-            if any(number[id(element)] in self.trace.instances for element in node.elts)
-        ]
 
     def values(self, slot: int) -> Array:
         """The values (B,) of a slot."""
@@ -269,8 +246,8 @@ def formed(source: Source, target: Target) -> Source:
             f"{source.name}: {source.qualified} takes the arguments ({arguments}); expected a function of "
             "(t, q, u), of (t, y) or of (y, t)"
         )
-    lines = frozenset(f.line for f in failures if isinstance(f, IndexOutOfRange))
-    return replace(source, form=form, outside_range=lines)
+    outside_range = any(isinstance(f, IndexOutOfRange) for f in failures)
+    return replace(source, form=form, outside_range=outside_range)
 
 
 def named_parameters(
@@ -332,15 +309,9 @@ def at(
     if missing:
         raise SourceError(f"{source.name}: no constant {min(missing)!r} with the model's value")
     origins = {name: key for piece in first.pieces for name, key in piece.trace.origins.items()}
-    return reading(
-        source,
-        samples,
-        {
-            origins[name]: samples.parameters[meant]
-            for name, meant in links.items()
-            if meant in varied
-        },
-    )
+    chosen = {name: meant for name, meant in links.items() if meant in varied}
+    override = {origins[name]: samples.parameters[meant] for name, meant in chosen.items()}
+    return reading(source, samples, override)
 
 
 def moved(source: Source, samples: StateSamples, factor: Callable[[str], float]) -> Array:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,16 @@ RIGHT = ROOT_EPS
 """Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
 size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
 
+STATE_ARRAYS = ("t", "q", "u", "acceleration", "rates", "rate_size", "M", "typical")
+"""Fields of samples whose last axis is that of the states."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StateSamples:
     """B states of the model with its accelerations.
 
     t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `rates` q̇ (nq, B), of
-    the size `rate_size` (nq, B); `M` (B, n, n) mass matrix; `typical` (n, B) size of each equation's
+    the size `rate_size` (nq, B); `M` (n, n, B) mass matrix; `typical` (n, B) size of each equation's
     terms; `parameters` the values (B,) of those that are varied; `group` (B,) counts the sets of values
     from 0, the mechanism's own; `speeds` names the own speeds.
     """
@@ -50,18 +54,11 @@ class StateSamples:
 
     def at(self, which: NDArray[Any]) -> StateSamples:
         """Some of the states; the sets of values among them are counted anew."""
-        return StateSamples(
-            self.t[which],
-            self.q[:, which],
-            self.u[:, which],
-            self.acceleration[:, which],
-            self.rates[:, which],
-            self.rate_size[:, which],
-            self.M[which],
-            self.typical[:, which],
-            {name: values[which] for name, values in self.parameters.items()},
-            np.unique(self.group[which], return_inverse=True)[1].astype(np.intp),
-            self.speeds,
+        return replace(
+            self,
+            **{name: getattr(self, name)[..., which] for name in STATE_ARRAYS},
+            parameters={name: values[which] for name, values in self.parameters.items()},
+            group=np.unique(self.group[which], return_inverse=True)[1].astype(np.intp),
         )
 
     def residual(self, udot: Array) -> Array:
@@ -70,7 +67,7 @@ class StateSamples:
         Rows after the n accelerations are q̇, and their residual q̇ − q̇ of the model over its size.
         """
         n = len(self.acceleration)
-        error = np.einsum("bij,jb->ib", self.M, udot[:n] - self.acceleration) / self.typical
+        error = np.einsum("ijb,jb->ib", self.M, udot[:n] - self.acceleration) / self.typical
         if len(udot) == n:
             return np.asarray(error)
         return np.concatenate([error, (udot[n:] - self.rates) / self.rate_size])
@@ -130,24 +127,19 @@ class Target:
     def values(self, group: int, varied: tuple[str, ...]) -> dict[str, float]:
         """The parameters' values in a set: other sets scale each by a factor of its own.
 
-        The factors are as far from 1 as the mechanism allows (moments of inertia, for instance, must satisfy
-        the triangle inequality). Raises InputError if it allows none.
+        The factors are as far from 1 as the mechanism allows: moments of inertia, for instance, must satisfy
+        the triangle inequality.
         """
         own = self.mechanism.parameters
-        if group == 0:
-            return {name: own[name] for name in varied}
-        for attempt, (low, high) in enumerate(VALUE_RANGES):
+        values = {name: own[name] for name in varied}
+        for attempt, (low, high) in enumerate(VALUE_RANGES if group else ()):
             draw = np.random.default_rng([self.seed, group, attempt])
             factors = draw.uniform(low, high, len(varied))
             values = {name: own[name] * float(f) for name, f in zip(varied, factors)}
-            try:
+            with contextlib.suppress(InputError):
                 self.mechanism.with_parameters(**values)
-            except InputError:
-                if attempt + 1 == len(VALUE_RANGES):
-                    raise
-            else:
-                return values
-        raise AssertionError
+                break
+        return values
 
     def _draw(self, varied: tuple[str, ...], fresh: bool) -> StateSamples:
         groups = range(VALUE_SETS + 1 if varied else 1)
@@ -169,7 +161,7 @@ class Target:
             acceleration=join([test.acceleration for test in tests]),
             rates=join([test.rates for test in tests]),
             rate_size=spread(lambda test: test.rate_sizes),
-            M=np.concatenate([test.M for test in tests]),
+            M=join([np.moveaxis(test.M, 0, -1) for test in tests]),
             typical=spread(lambda test: test.typical(test.acceleration)),
             parameters={
                 name: join([np.full(size, v[name]) for v, size in zip(values, sizes)])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from deltac.errors import FileError, SourceError, check_names
-from deltac.repair.tracing.modules import UserModule, bound, parsed
+from deltac.repair.tracing.modules import UserModule, parsed
 from deltac.simulation import Equations, Order, RightHandSide, StateForm
 
 
@@ -29,7 +29,7 @@ class Source:
     root      the function itself, of a running session; None where it is found by its name
     form      how it takes the state; None where that has not been found out
     declared      what the user says of that: "ode" or None, and the order of the state's entries or None
-    outside_range  lines where an index was out of range in forms that were tried before
+    outside_range  whether an index was out of range in a form that was tried before
     """
 
     name: str
@@ -40,7 +40,7 @@ class Source:
     root: Any = None
     form: StateForm | None = None
     declared: tuple[str | None, Order] = (None, None)
-    outside_range: frozenset[int] = frozenset()
+    outside_range: bool = False
 
     @cached_property
     def user_module(self) -> UserModule:
@@ -157,13 +157,8 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
         raise FileError(f"{file}: not a text in UTF-8: {error}") from error
     source = Source(file, content, name, path)
     first = name.partition(".")[0]
-    names = {n for statement in source.module.body for n in bound(statement)}
-    stars = any(
-        isinstance(s, ast.ImportFrom) and any(a.name == "*" for a in s.names)
-        for s in source.module.body
-    )
-    if not stars:
-        check_names([first], sorted(names), f"{file}: no function")
+    if not source.user_module.stars:
+        check_names([first], sorted(source.user_module.setters), f"{file}: no function")
     return source
 
 

@@ -60,14 +60,17 @@ class Solve:
 
     def __call__(self, *entries: Any) -> Any:
         """The solution; not a number where A is singular."""
-        rows = self.rows
-        full = stacked(entries)
-        A = np.moveaxis(full[: rows * rows].reshape(rows, rows, -1), -1, 0)
-        b = full[rows * rows :].T[:, :, None]
+        A, b = matrix_and_rest(stacked(entries), self.rows)
         try:
-            return np.linalg.solve(A, b)[:, :, 0].T
+            return np.linalg.solve(A, b.T[:, :, None])[:, :, 0].T
         except np.linalg.LinAlgError:
-            return np.full((rows, full.shape[1]), np.nan)
+            return np.full_like(b, np.nan)
+
+
+def matrix_and_rest(entries: Array, rows: int) -> tuple[Array, Array]:
+    """Matrices (B, rows, rows) from their entries (·, B), row by row; and the entries after these."""
+    matrix, rest = np.split(entries, [rows * rows])
+    return np.moveaxis(matrix.reshape(rows, rows, -1), -1, 0), rest
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,17 @@ class Tape:
         self.exact.append(exact)
         self.varying.append(varying)
         return Slot(self, len(self.operations) - 1)
+
+    def whole(self, slots: Sequence[int]) -> int | None:
+        """The operation of which slots are the rows, the first ones in order; None where there is none."""
+        roots = []
+        for k in slots:
+            while self.operations[k] is identity:
+                (k,) = self.inputs[k]
+            roots.append(k)
+        wholes = {self.inputs[k] for k in roots}
+        in_order = all(self.operations[k] == TapeRow(row) for row, k in enumerate(roots))
+        return wholes.pop()[0] if in_order and len(wholes) == 1 else None
 
     # --- operations put in place of others ---------------------------------------------------------
 
@@ -433,7 +447,6 @@ _UNARY: dict[str, Operation] = {
     "__invert__": np.logical_not,
 }
 for _name, _operation in (*_UNARY.items(), *ELEMENTARY.items()):
-    if (
-        getattr(_operation, "nin", 1) == 1
-    ):  # what np.sin calls on the entries of an array of objects
+    # What np.sin calls on the entries of an array of objects.
+    if getattr(_operation, "nin", 1) == 1:
         setattr(Slot, _name, lambda self, *_, f=_operation: self.tape.record(f, self))

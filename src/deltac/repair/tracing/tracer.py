@@ -51,6 +51,9 @@ STANDARD = Path(sysconfig.get_path("stdlib"))
 PATHS = 12
 """Ways through branches that depend on the state."""
 
+PLAIN_CALLS = ("dict", "float")
+"""Python's own functions that constants are made by."""
+
 NAME = "deltac_traced"
 """The module that traced classes are of."""
 
@@ -92,10 +95,6 @@ class Endless(TracingRefused):
 
 class IndexOutOfRange(TracingRefused):
     """An index is out of range in a line of the file."""
-
-    def __init__(self, message: str, line: int) -> None:
-        super().__init__(message)
-        self.line = line
 
 
 @dataclass(frozen=True, repr=False)
@@ -238,13 +237,21 @@ class _Tracer:
         self.scope: Mapping[str, Any] = {}
         self.turns = 0
         self.defaults: list[tuple[str, Any, Any]] = []
-        self.arguments: dict[int, Any] = {}
 
     def opened(self, module: UserModule, outside: Mapping[str, Any] | None = None) -> _Namespace:
         """The names of a module, which are set when they are asked for."""
         if module.path not in self.modules:
             self.modules[module.path] = _Namespace(self, module, outside or {})
         return self.modules[module.path]
+
+    @contextlib.contextmanager
+    def apart(self, node: int | None) -> Iterator[None]:
+        """While something is computed whose operations are a node's: what is in scope here stays so."""
+        scope, outer, self.tape.node = self.scope, self.tape.node, node
+        try:
+            yield
+        finally:
+            self.tape.node, self.scope = outer, scope
 
     # --- the outside ------------------------------------------------------------------------------
 
@@ -253,17 +260,10 @@ class _Tracer:
         nq, nu = len(q), len(u)
         self.result.inputs = tuple(slot.index for slot in slots)
         form = self.source.form or PLAIN_FORM
-        arguments = form.given(
-            slots[0],
-            objects(slots[1 : 1 + nq]),
-            objects(slots[1 + nq :]),
-            objects,
-            LibraryNumber(0.0),
-        )
-        for a in arguments:
-            if isinstance(a, np.ndarray):
-                a.flags.writeable = False
-                self.arguments[id(a)] = a
+        state = objects(slots[1 : 1 + nq]), objects(slots[1 + nq :])
+        arguments = form.given(slots[0], *state, objects, LibraryNumber(0.0))
+        for array in (a for a in arguments if isinstance(a, np.ndarray)):
+            array.flags.writeable = False
 
         def computed() -> list[Any]:
             returned = self.callee()(*arguments)
@@ -311,27 +311,23 @@ class _Tracer:
         except Exception as error:
             place = self.place_of(error)
             name, line = place or (self.source.name, self.source.first_line)
-            where = f"{name}:{line}"
+            message, refusal = str(error), TracingRefused
             if isinstance(error, RecursionError):
-                raise TracingRefused(f"{where}: calls itself without end") from None
-            message = str(error)
-            if isinstance(error, TapeError | library.NotUnderstood):
-                raise TracingRefused(
-                    f"{where}: {message}. The function is traced: {READABLE}"
-                ) from None
-            if "Slot" in message or "dtype('O')" in message:
-                raise TracingRefused(
-                    f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
-                ) from None
-            message = f"{where}: {type(error).__name__}: {message}"
-            if place is not None and not isinstance(error, NameError | ImportError):
-                message += (
-                    ". The function is traced: call it once, and if Python raises the same error at this "
-                    f"line, mend that first; else {READABLE}"
-                )
-            if isinstance(error, IndexError) and name == self.source.name:
-                raise IndexOutOfRange(message, line) from None
-            raise TracingRefused(message) from None
+                message = "calls itself without end"
+            elif isinstance(error, TapeError | library.NotUnderstood):
+                message += f". The function is traced: {READABLE}"
+            elif "Slot" in message or "dtype('O')" in message:
+                message = f"a computation that cannot be traced ({message}). Instead, {READABLE}"
+            else:
+                message = f"{type(error).__name__}: {message}"
+                if place is not None and not isinstance(error, NameError | ImportError):
+                    message += (
+                        ". The function is traced: call it once, and if Python raises the same error at this "
+                        f"line, mend that first; else {READABLE}"
+                    )
+                if isinstance(error, IndexError) and name == self.source.name:
+                    refusal = IndexOutOfRange
+            raise refusal(f"{name}:{line}: {message}") from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:
         """The file and line of the user's where an error was raised; None where it was in none."""
@@ -354,11 +350,9 @@ class _Tracer:
                 statement = names.module.setters[name][0]
                 if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
                     continue
-                calls = [n for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
+                called = [n.func for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
                 if all(
-                    isinstance(c.func, ast.Attribute)
-                    or getattr(c.func, "id", "") in ("dict", "float")
-                    for c in calls
+                    isinstance(f, ast.Attribute) or ast.unparse(f) in PLAIN_CALLS for f in called
                 ):
                     with contextlib.suppress(Exception), np.errstate(all="ignore"):
                         names[name]
@@ -371,36 +365,38 @@ class _Tracer:
 
         Raises KeyError for a name that is none of the module's.
         """
-        module = names.module
-        setters = module.setters.get(name, ())
+        setters = names.module.setters.get(name, ())
         if name in names.pending or (not setters and name.startswith("__")):
             raise KeyError(name)
-        outer, scope, self.tape.node = self.tape.node, self.scope, None
         names.pending.add(name)
         try:
-            for statement in setters:
-                if id(statement) in names.done:
-                    continue
-                names.done.add(id(statement))
-                if module.classes and any(isinstance(n, ast.ClassDef) for n in ast.walk(statement)):
-                    for used in module.in_classes:  # Python looks them up past `__missing__`
-                        with contextlib.suppress(KeyError):
-                            names[used]
-                try:
-                    code = module.code(statement)
-                    self.guarded(lambda code=code: exec(code, names))  # type: ignore[misc]
-                except InputError:
-                    self.forget(statement)
-                    if name in names.outside:
-                        names.pop(name, None)
-                    elif not isinstance(statement, ast.Expr):
-                        raise
-            if name not in names:
-                names[name] = self.elsewhere(names, name)
+            with self.apart(None):
+                for statement in setters:
+                    self.execute(names, statement, name)
+                if name not in names:
+                    names[name] = self.elsewhere(names, name)
         finally:
             names.pending.discard(name)
-            self.tape.node, self.scope = outer, scope
         return names[name]
+
+    def execute(self, names: _Namespace, statement: ast.stmt, name: str) -> None:
+        """Run a statement that sets a name, if it has not been run."""
+        if id(statement) in names.done:
+            return
+        names.done.add(id(statement))
+        module = names.module
+        if module.classes and any(isinstance(n, ast.ClassDef) for n in ast.walk(statement)):
+            for used in module.in_classes:  # Python looks them up past `__missing__`
+                with contextlib.suppress(KeyError):
+                    names[used]
+        try:
+            self.guarded(lambda: exec(module.code(statement), names))
+        except InputError:
+            self.forget(statement)
+            if name in names.outside:
+                names.pop(name, None)
+            elif not isinstance(statement, ast.Expr):
+                raise
 
     def forget(self, statement: ast.stmt) -> None:
         """Drop what was noted of a statement that cannot be traced: its edits would show nothing."""
@@ -447,9 +443,8 @@ class _Tracer:
                 return self.named_constant(numbers.item(), name)
             array = np.empty(numbers.shape, dtype=object)
             for k in np.ndindex(numbers.shape):
-                array[k] = self.named_constant(
-                    numbers[k].item(), f"{name}[{', '.join(map(str, k))}]"
-                )
+                entry = f"{name}[{', '.join(map(str, k))}]"
+                array[k] = self.named_constant(numbers[k].item(), entry)
             return array
         if type(value) in (tuple, list):
             return type(value)(self.live(v, f"{name}[{k}]") for k, v in enumerate(value))
@@ -458,25 +453,18 @@ class _Tracer:
         return value
 
     def named_constant(self, value: float, name: str) -> Slot:
-        """A constant that has no text: known, and varied, by its name."""
-        key: tuple[Any, ...] = ("live", name)
-        slot = self.lives.get(key)
-        if slot is not None and slot.exact() != value:  # another constant of this name
-            key = ("live", name, value)
-            slot = self.lives.get(key)
-        if slot is not None:
-            return slot  # type: ignore[no-any-return]
-        slot = self.lives[key] = self.constant(value, key)
-        self.parameter(name, slot, key)
-        return slot
+        """A constant that has no text: known, and varied, by its name; one of another value is another."""
+        key = ("live", name, value)
+        if key not in self.lives:
+            self.lives[key] = self.constant(value, key)
+            self.parameter(name, self.lives[key], key)
+        return self.lives[key]  # type: ignore[no-any-return]
 
     def constant(self, value: float, origin: Any, node: int | None = None) -> Slot:
         """A constant of a node on the tape, with its own value or that of an `Override`."""
-        outer, self.tape.node = self.tape.node, node
         number = self.override.get(origin, np.float64(value))
-        slot = self.tape.given(number, exact=value, varying=False)
-        self.tape.node = outer
-        return slot
+        with self.apart(node):
+            return self.tape.given(number, exact=value, varying=False)
 
     def parameter(self, name: str, slot: Slot, key: Any) -> None:
         self.result.parameters.setdefault(name, slot.index)
@@ -563,16 +551,10 @@ class _Tracer:
                 cells[name] = self.live(cell.cell_contents, name)
         closure = [cells.get(name) for name in code.co_freevars]
         copy = names.pop("made")(*closure, {k: v for k, v in cells.items() if k != "__class__"})
-        copy.__defaults__ = function.__defaults__ and tuple(
-            self.live(v, name)
-            for name, v in zip(
-                code.co_varnames[: code.co_argcount][-len(function.__defaults__) :],
-                function.__defaults__,
-            )
-        )
-        copy.__kwdefaults__ = {
-            k: self.live(v, k) for k, v in (function.__kwdefaults__ or {}).items()
-        }
+        defaults, keywords = function.__defaults__ or (), function.__kwdefaults__ or {}
+        last = code.co_varnames[code.co_argcount - len(defaults) : code.co_argcount]
+        copy.__defaults__ = tuple(map(self.live, defaults, last))
+        copy.__kwdefaults__ = {k: self.live(v, k) for k, v in keywords.items()}
         self.lives[id(function)] = function, copy  # the function is kept alive
         return copy
 
@@ -601,8 +583,6 @@ class _Hooks:
         """The names of a comprehension or a lambda come into scope."""
         self.turn()
         self.tracer.scope = {**names, **(above or {}), **names}
-        for name, value in names.items():
-            self.tracer.note_parameters(name, value, None)
 
     def turn(self) -> None:
         """One turn of a loop."""
@@ -612,41 +592,14 @@ class _Hooks:
                 f"{self.of.name}: a loop that has not ended after {MOST_OPERATIONS} turns"
             )
 
-    def item(self, place: int, value: Any) -> None:
-        """What a loop's variables hold in a turn."""
-        self.turn()
-        self.named_target(self.of.nodes[place].target, value, None)  # type: ignore[attr-defined]
-
-    def over(self, value: Any) -> Any:
-        """What a loop goes over: the numbers of an array of a running session become constants."""
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            return self.tracer.live(value, "")
-        return value
-
     # --- values -----------------------------------------------------------------------------------
 
     def noted(self, place: int, compute: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         """Compute a node's value, its operations being marked as its own."""
-        tape, scope = self.tracer.tape, self.tracer.scope  # as `apart`, which takes longer
-        outer = tape.node
-        if self.edited:
-            tape.node = place
-        try:
+        with self.tracer.apart(place if self.edited else self.tracer.tape.node):
             value = compute(*arguments, **named)
-        finally:
-            tape.node, self.tracer.scope = outer, scope
         self.remember(place, value)
         return value
-
-    @contextlib.contextmanager
-    def apart(self, node: int | None) -> Iterator[None]:
-        """While something is computed whose operations are a node's: what is in scope here stays so."""
-        tape, scope = self.tracer.tape, self.tracer.scope
-        outer, tape.node = tape.node, node
-        try:
-            yield
-        finally:
-            tape.node, self.tracer.scope = outer, scope
 
     def remember(self, place: int, value: Any) -> None:
         if self.edited and isinstance(value, Slot | np.ndarray):
@@ -656,21 +609,16 @@ class _Hooks:
     def constant(self, place: int) -> Any:
         """A literal: one slot, however often it is evaluated, for it is one number."""
         tracer = self.tracer
-        key = self.key(place)
+        node: Any = self.of.nodes[place]
+        key = place if self.edited else (self.of.name, node.lineno, node.col_offset)
         slot = tracer.literals.get(key)
         if slot is None:
-            value = self.of.nodes[place].value  # type: ignore[attr-defined]
-            if not isinstance(value, int | float):
-                self.refuse(place, f"the constant {value!r}")
-            slot = tracer.constant(value, ("literal", key), place if self.edited else None)
+            if not isinstance(node.value, int | float):
+                self.refuse(place, f"the constant {node.value!r}")
+            slot = tracer.constant(node.value, ("literal", key), place if self.edited else None)
             tracer.literals[key], tracer.literal_of[slot.index] = slot, key
         self.remember(place, slot)
         return slot
-
-    def key(self, place: int) -> Any:
-        """Where a literal stands: its place in the source that is edited, or file, line and column."""
-        node: Any = self.of.nodes[place]
-        return place if self.edited else (self.of.name, node.lineno, node.col_offset)
 
     def lifted(self, place: int, value: Any) -> Any:
         """A number that has no text, of a running session or a library, as a constant by its name."""
@@ -681,13 +629,9 @@ class _Hooks:
         return value
 
     def name(self, place: int) -> str:
-        match self.of.nodes[place]:
-            case ast.Name(id=name) | ast.Attribute(attr=name):
-                return name
-            case ast.Subscript(slice=ast.Constant(value=str() as name)):
-                return name
-            case node:
-                return ast.unparse(node)
+        """What a value is called that stands at a place."""
+        node = self.of.nodes[place]
+        return _name(node) or ast.unparse(node)
 
     def load(self, place: int, value: Any) -> Any:
         """What a name holds, read by operations of its own, so that this use can be edited alone."""
@@ -745,10 +689,10 @@ class _Hooks:
             raise library.NotUnderstood(f"{ast.unparse(self.of.nodes[place])} is not understood")
         own = inspect.getattr_static(type(base), name, None)
         if isinstance(own, property) and isinstance(own.fget, types.FunctionType):
-            with self.apart(None):
+            with self.tracer.apart(None):
                 return self.tracer.traced(own.fget)(base)
         if isinstance(own, functools.cached_property):
-            with self.apart(None):
+            with self.tracer.apart(None):
                 return getattr(base, name)
         return getattr(base, name)
 
@@ -793,30 +737,22 @@ class _Hooks:
         return value
 
     def named_target(self, target: ast.expr, value: Any, of: ast.expr | None) -> None:
-        note = self.tracer.note_parameters
-        match target:
-            case ast.Name(id=name) | ast.Attribute(attr=name):
-                note(name, value, of)
-            case ast.Subscript(slice=ast.Constant(value=str() as name)):
-                note(name, value, of)
-            case ast.Tuple(elts=parts) | ast.List(elts=parts):
-                sources = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
-                value = list(value) if isinstance(value, ValuesView) else value
-                if isinstance(value, list | tuple) and len(value) == len(parts) == len(sources):
-                    for one, entry, part in zip(parts, value, sources):
-                        self.named_target(one, entry, part)
+        name = _name(target)
+        if name:
+            self.tracer.note_parameters(name, value, of)
+        elif isinstance(target, ast.Tuple | ast.List):
+            parts = target.elts
+            sources = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
+            value = list(value) if isinstance(value, ValuesView) else value
+            if isinstance(value, list | tuple) and len(value) == len(parts) == len(sources):
+                for one, entry, part in zip(parts, value, sources):
+                    self.named_target(one, entry, part)
 
     def default(self, name: str, place: int | None, value: Any) -> Any:
         """A parameter's default is known by the parameter's name."""
         of = None if place is None else self.of.nodes[place]
-        self.tracer.defaults.append(
-            (name, value, of)
-        )  # noted last: another value has the name before
-        return value
-
-    def literal(self, place: int, value: Any) -> Any:
-        """Numbers in a dictionary are known by their keys."""
-        self.tracer.note_parameters("", value, self.of.nodes[place])  # type: ignore[arg-type]
+        # Noted last: another value has the name before.
+        self.tracer.defaults.append((name, value, of))
         return value
 
     def outside(self, place: int) -> NoReturn:
@@ -837,9 +773,7 @@ class _Hooks:
         """A call's result: of the user's function, or of a library's as it acts on slots."""
         tracer = self.tracer
         arguments = list(positional)
-        changed = (
-            _changed_parameters(function) if any(p is not None for p in places) else frozenset()
-        )
+        changed = _changed_parameters(function)
         for k, where in enumerate(places):
             if where is not None and k not in changed:
                 arguments[k] = self.load(where, arguments[k])
@@ -858,14 +792,10 @@ class _Hooks:
         )
         if act is None:
             function = tracer.traced(function)
-            python = isinstance(function, types.FunctionType | types.MethodType)
-            own = (python and isinstance(function.__globals__ if isinstance(function, types.FunctionType)
-                   else function.__func__.__globals__, _Namespace))  # fmt: skip
-            user = own or module == NAME or type(function).__module__ == NAME
-            if not user:
-                self.check(place, function, str(module))
-            if user:
+            own = isinstance(getattr(function, "__globals__", None), _Namespace)
+            if own or NAME in (module, type(function).__module__):
                 return self.call_user(place, function, arguments, named)
+            self.check(place, function, str(module))
             if isinstance(getattr(function, "__self__", None), dict | str) and arguments:
                 arguments[0] = plain(arguments[0])
             act = function
@@ -890,20 +820,17 @@ class _Hooks:
     def call_user(
         self, place: int, function: Any, arguments: list[Any], named: dict[str, Any]
     ) -> Any:
-        tracer = self.tracer
-        with self.apart(None):
+        with self.tracer.apart(None):
             value = function(*arguments, **named)
         node: Any = self.of.nodes[place]
         if isinstance(function, type):
             fields = fields_of(value)
             with contextlib.suppress(TypeError, ValueError):
-                names = list(inspect.signature(function).parameters)
-                for name, part in [
-                    *zip(names, node.args),
-                    *((k.arg, k.value) for k in node.keywords),
-                ]:
+                parts = dict(zip(inspect.signature(function).parameters, node.args))
+                parts |= {k.arg: k.value for k in node.keywords}
+                for name, part in parts.items():
                     if name in fields:
-                        tracer.note_parameters(name, fields[name], part)
+                        self.tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)
 
     def check(self, place: int, function: Any, module: str) -> None:
@@ -976,6 +903,16 @@ class _Entries:
         self.array[index] = value
 
 
+def _name(node: ast.AST) -> str:
+    """The name by which what a node stands for is known: m of m, p.m and p["m"]; else empty."""
+    match node:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name
+        case ast.Subscript(slice=ast.Constant(value=str() as name)):
+            return name
+    return ""
+
+
 def _compiles(value: Foreign) -> bool:
     """Whether a decorator leaves what a function gives as it is."""
     package, name = value.name.partition(".")[0], value.name.rpartition(".")[2]
@@ -1000,9 +937,7 @@ def _changed_parameters(function: Any) -> frozenset[int]:
         function = function.__func__ if isinstance(function, types.MethodType) else function.func
     if function in (np.fill_diagonal, np.copyto, np.put, np.place):
         return frozenset({0})
-    if not isinstance(function, types.FunctionType):
-        return frozenset()
-    names = function.__globals__
+    names = getattr(function, "__globals__", None)
     if not isinstance(names, _Namespace):
         return frozenset()
     written = names.module.written.get(function.__code__.co_firstlineno, frozenset())
@@ -1020,10 +955,4 @@ def _definition(tree: ast.Module, function: types.FunctionType) -> Any:
         and min([n.lineno, *(d.lineno for d in getattr(n, "decorator_list", ()))]) == code.co_firstlineno
         and getattr(n, "name", "<lambda>") == code.co_name
     ]  # fmt: skip
-    if len(lines) > 1:
-        names = code.co_varnames[: code.co_argcount]
-        lines = [n for n in lines if tuple(a.arg for a in n.args.args) == names]
-    if lines:
-        return lines[0] if len(lines) == 1 or not isinstance(lines[0], ast.Lambda) else None
-    named = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == code.co_name]
-    return named[0] if len(named) == 1 else None
+    return lines[0] if len(lines) == 1 else None

@@ -109,7 +109,7 @@ def hops(h: float, rows: int) -> Array:
     x = np.empty((rows, 2))
     x[0] = 0.4, 0.0
     for k in range(1, rows):
-        x[k] = rk4(lambda q, u: floor(q, u) / MASS - G, *x[k - 1], h)
+        x[k] = rk4(lambda q, u: floor(q, u) / MASS - G, x[k - 1, 0], x[k - 1, 1], h)
     return x
 
 
@@ -137,8 +137,14 @@ def test_what_is_wrong_in_contact_is_named_by_rows_that_mostly_fly(
     h, rows = 1e-3, 2001
 
     def log(x: Array) -> dict[str, Array]:
-        t = h * every * np.arange(len(x))
-        return {"time": t, "q.x": 0.5 * t, "q.z": x[:, 0], "u.x": 0.5 + 0.0 * t, "u.z": x[:, 1]}
+        t = np.asarray(h * every * np.arange(len(x), dtype=float), dtype=float)
+        return {
+            "time": t,
+            "q.x": 0.5 * t,
+            "q.z": x[:, 0],
+            "u.x": np.full(len(x), 0.5),
+            "u.z": x[:, 1],
+        }
 
     x = hops(h, rows)[::every]
     found = dc.audit(flying(**model), log(x))

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 
 from deltac.arrays import SAME, SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
@@ -261,7 +260,7 @@ def differing_channels(
             continue
         power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
         energy = float(np.trapezoid(np.abs(power), t))
-        net = float(np.abs(cumulative_trapezoid(power, t)).max())
+        net = float(np.abs(np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))).max())
         found = _difference(name, own, logged, energy, ledger.energy_exchanged)
         simple = own is None or found.factor is not None
         if energy > tolerance * ledger.energy_exchanged or (

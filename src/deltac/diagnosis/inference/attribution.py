@@ -168,10 +168,8 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     curves = log.running(np.einsum("km,kmp->kp", partly, at.B[:, :, :fields]))
     late = at.work(own * residual)
     curve = log.running(at.power[:, :fields]) @ c + log.running(late)
-    # Or it is of something else that the series hides, as is what the fields would do in outliers.
+    # Or it is of something else that the series hides.
     either = np.cumsum(np.abs(late))
-    if len(weights := comparison.rows.weights):
-        either += np.cumsum((1.0 - np.minimum(weights, 1.0)) * np.abs(at.power[:, :fields] @ c))
     if log.unknown.any():
         rate = _of_rates_of_q(point, log)
         curves[:, 0] += rate
@@ -179,8 +177,7 @@ def _of_series(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
     spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
     # The order beyond the series is no noise: its joules grow with the motion, hidden in noise.
     most = np.cumsum(np.einsum("km,km->k", np.abs(at.gradient), np.sqrt(noise)))
-    beyond_series = at.remainder(comparison.rows, comparison.posterior.best.coefficients)
-    order = np.minimum(beyond_series * np.linspace(0.0, 1.0, len(most)), most)
+    order = np.minimum(at.remainder(comparison.rows) * np.linspace(0.0, 1.0, len(most)), most)
     rest = np.cumsum(np.einsum("km,km->k", partly**2, beyond**2))
     error = np.sqrt(spread + order**2 + rest * comparison.tau + either**2)
     return Share(curve, error), (1.0 - own) * residual, 0.0
@@ -581,8 +578,8 @@ def generic_equations(comparison: HypothesisComparison) -> Generic:
     at, point, best = comparison.at, comparison.point, comparison.posterior.best
     odds, explained, further = beyond_causes(comparison.blocks[0], best)
     joules = float(np.abs(at.gradient * (at.of_causes @ further)).sum() * point.log.whole)
-    omitted = at.remainder(at.series, best.coefficients + further)
-    if comparison.excess <= 1.0 or joules < max(SIX_DIGITS * point.energy, at.bias, omitted):
+    within_noise = comparison.excess <= 1.0
+    if within_noise or joules < max(SIX_DIGITS * point.energy, at.bias, at.omitted):
         odds = -np.inf
     shift = 0.0
     if not comparison.maps:

@@ -140,12 +140,8 @@ class HypothesisComparison:
 
     @cached_property
     def excess(self) -> float:
-        """Variance of what is left, in units of what digits, noise and the flow's error explain.
-
-        Of many outliers it is as large as makes the rows as likely.
-        """
-        rows = self.rows
-        return rows.misfit(self.posterior.best.coefficients) * rows.outlying / rows.count
+        """Variance of what is left, in units of what digits, noise and the flow's error explain."""
+        return self.rows.misfit(self.posterior.best.coefficients) / self.rows.count
 
     @cached_property
     def numbers(self) -> tuple[Array, Array]:

@@ -48,7 +48,6 @@ class Block:
     causes    places of the columns of causes, the same causes in all blocks
     rounding  least variance of the noise: what digits alone make of it
     spread    log det of the Cholesky factor by which r and D were whitened
-    weights   of intervals (K,), by whose roots r and D were multiplied: low in outliers; ones where empty
     noise     variance beside which the prior of nuisance columns counts; 0: what all columns together leave
     origin    coefficients of the causes (P,) at which r was taken; zeros where empty
     """
@@ -60,7 +59,6 @@ class Block:
     causes: NDArray[np.intp]
     rounding: float = 0.0
     spread: float = 0.0
-    weights: Array = field(default_factory=lambda: np.zeros(0))
     noise: float = 0.0
     origin: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -70,11 +68,6 @@ class Block:
         D = self.D.reshape(self.r.size, self.D.shape[-1])
         r = self.r.ravel()
         return D.T @ D, D.T @ r, float(r @ r)
-
-    @cached_property
-    def outlying(self) -> float:
-        """Geometric mean of the variances of intervals, in units of that of those that are no outliers."""
-        return float(np.exp(-np.mean(np.log(self.weights)))) if len(self.weights) else 1.0
 
     def beside(self, noise: float) -> Block:
         """The same equations beside noise of this variance."""
@@ -626,7 +619,7 @@ def search(
     candidates: Sequence[Candidate],
     exchanged: Callable[[Fit], Array],
     least: float,
-    negligible: Callable[[Fit], float] = lambda fit: 0.0,
+    negligible: float = 0.0,
     most: int = TOGETHER,
     beside: float = NEGLIGIBLE,
     pairs: bool = False,
@@ -638,8 +631,7 @@ def search(
     Beside the one that was added, another may come in the place of each before (sequential replacement: A.
     Miller, Subset Selection in Regression, 2002, ch. 3).
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
-    one of less than what is `negligible` beside the fit only if it leaves next to nothing (`SMALL_SHARE`) of
-    what was left before.
+    one of less than `negligible` only if it leaves next to nothing (`SMALL_SHARE`) of what was left before.
     `most` are found together, each with a share of `beside` of the largest at least; the search stops where
     they leave a share `enough` of the sum of squares. `pairs`: mass and mass centre of a body at once.
     """
@@ -658,7 +650,7 @@ def search(
             joules = exchanged(fit)
             if joules.min() < max(least, beside * joules.max()):
                 continue
-            if joules.min() < negligible(fit) and not _explains_all(blocks, without, fit):
+            if joules.min() < negligible and not _explains_all(blocks, without, fit):
                 continue
             fits.append((evidence(blocks, without, fit, len(candidates), False), fit))
             top = max(top, fits[-1][0])
@@ -672,7 +664,7 @@ def search(
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
             left = [b.misfit(fit.coefficients) / b.misfit(alone.coefficients) for b in blocks]
-            if exchanged(fit).min() >= max(least, negligible(fit)) and max(left) < NEGLIGIBLE:
+            if exchanged(fit).min() >= max(least, negligible) and max(left) < NEGLIGIBLE:
                 fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
         if not scores:

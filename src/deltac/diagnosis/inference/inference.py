@@ -789,9 +789,7 @@ def _at_causes(
     if moved is not None and moved.posterior.best.chosen:
         alone = moved
         point = point.with_flow(forces=moved.point.forces).with_noise_of_rows()
-    # Beside all columns, a wrong method may leave less than the right one.
-    own = point.among(alone.methods) if alone.methods else point
-    return _settled(own, alone.posterior, True)
+    return _settled(point, alone.posterior, True)
 
 
 def _by_other_forces(built: HypothesisComparison) -> HypothesisComparison:

@@ -160,7 +160,7 @@ def _typical(series: Block, best: Fit) -> Block:
     """The equations weighted by what the series leaves of them: kinks of forces are none of it."""
     fields = series.D[:, :, series.nuisance]
     of_causes = series.D[:, :, series.causes] @ (best.coefficients - series.projected.origin)
-    weights, _, _ = weights_beside(series.r - of_causes, fields, np.ones(len(series.r)))
+    weights, _ = weights_beside(series.r - of_causes, fields, np.ones(len(series.r)))
     scale = np.sqrt(weights)[:, None]
     return replace(series, r=series.r * scale, D=series.D * scale[:, :, None])
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, ROUNDED, Array
 from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
 from deltac.diagnosis.inference.model import Intervals, LogModel, Rows
-from deltac.diagnosis.inference.whitening import TYPICAL, Innovations
+from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
 from deltac.diagnosis.measurements.kinematics import SHORTEST_PART, stretches
 from deltac.trajectories import Trajectory
@@ -82,24 +82,7 @@ class Observations:
 
     def innovations(self, Phi: Array, Q: Array) -> Innovations:
         """The whitener of prediction errors with these transition matrices and process noise."""
-        own = self.computed
-        if not own.any() or self.unknown.any():
-            return Innovations(self.pieces, Phi, self.noise, Q, not self.unknown.any())
-        diagonal, Q = np.arange(Q.shape[1]), Q.copy()
-        steps = np.maximum(self.intervals.h / self.steps, 1.0)
-        Q[:, diagonal, diagonal] += np.where(own, self.noise[1], 0.0) ** 2 * steps
-        start, end = (np.where(own, 0.0, x) for x in self.noise)
-        return Innovations(self.pieces, Phi, (start, end), Q)
-
-    @property
-    def computed(self) -> NDArray[np.bool_]:
-        """Components (2n,) whose rows are states to the last digits of doubles.
-
-        These are off by the rounding of each step, which the next one starts from: it is no noise of a row.
-        """
-        end = self.intervals.end
-        size = max(np.abs(end.q).max(initial=1.0), np.abs(end.u).max(initial=1.0))
-        return np.asarray(self.noise[1].max(axis=0) < 16.0 * EPS * (1.0 + size))
+        return Innovations(self.pieces, Phi, self.noise, Q, not self.unknown.any())
 
     def at(self, model: LogModel, errors: tuple[Array, Array]) -> Observations:
         """With the flow taken at the states that rows with such errors (N, 2n) are of."""
@@ -182,10 +165,8 @@ class Observations:
         or coarsely the motion is sampled.
         """
         first, last = max(self.pieces, key=lambda piece: piece[1] - piece[0])
-        typical = np.median(np.abs(w), axis=0)
         noise = white_noise(np.cumsum(w[first:last], axis=0))
-        # Noise is on every row: what acts in fewer than half of them is none.
-        noise = np.clip(noise, FINEST * typical, typical / TYPICAL)
+        noise = np.maximum(noise, FINEST * np.median(np.abs(w), axis=0))
         start, end = (np.maximum(d, noise) for d in self.digits)
         return replace(self, noise=(start, end))
 

@@ -189,26 +189,26 @@ class Regression:
         return log.whole * float((ratio * np.abs(self.gradient * displacement)).sum())
 
     @cached_property
-    def _series(self) -> tuple[float, list[NDArray[np.intp]], Array]:
-        """ρ of `remainder`, places of fields of first and second order, joules (fields,) of a unit each."""
+    def omitted(self) -> float:
+        """Joules that the first order beyond the series may exchange: `remainder` beside no cause."""
+        return self.remainder(self.series)
+
+    def remainder(self, block: Block) -> float:
+        """Joules that the first order beyond the series may exchange, with the numbers of a block.
+
+        A term of the next order is ρ times as large, ρ the step times the spectral radius of ∂f/∂x. What is
+        below this is no evidence of a mistake.
+        """
         log, J = self.point.log, self.point.tangent.J[0]
         some = np.unique(np.linspace(0, len(J) - 1, 32).astype(np.intp))
         radius = np.abs(np.linalg.eigvals(J[some])).max(axis=1)
-        places = [np.array([i for i, f in enumerate(FIELDS) if f.order == k]) for k in (1, 2)]
-        fields = self.B[:, :, : len(FIELDS)]
-        joules = np.einsum("km,kmf->f", np.abs(self.gradient), np.abs(fields)) * log.whole
-        return log.step * float(np.median(radius)), places, joules
-
-    def remainder(self, block: Block, coefficients: Array) -> float:
-        """Joules that the first order beyond the series may exchange, beside coefficients of causes (P,).
-
-        A term of the next order is ρ times as large, ρ the step times the spectral radius of ∂f/∂x. What is
-        below this is no evidence of a mistake. A mistake inflates the numbers of the integrator; beside the
-        right cause they are its own, beside a wrong one they stay large.
-        """
-        rho, (first, second), joules = self._series
-        x = np.abs(block.projected.nuisance_at(coefficients)[: len(joules)]) * joules
-        return float(max(x[first].sum() * rho**3, x[second].sum() * rho**2))
+        rho = log.step * float(np.median(radius))
+        x, size = block.projected.nuisance, np.abs(self.gradient)
+        parts = [
+            log.whole * float((size * np.abs(self.B[:, :, k] @ x[k])).sum())
+            for k in ([i for i, f in enumerate(FIELDS) if f.order == order] for order in (1, 2))
+        ]
+        return max(parts[0] * rho**3, parts[1] * rho**2)
 
 
 def regression(point: Point) -> Regression:
@@ -275,11 +275,9 @@ def _block(
 ) -> Block:
     """Whitened errors with their columns; so many of these, and those of forces, are beside every cause."""
     r, D = white[:, :, 0], white[:, :, 1:]
-    weights = robust_weights(r, D)
-    if np.any(weights != 1.0):
-        root = np.sqrt(weights)[:, None]
-        r, D = r * root, D * root[:, :, None]
-        spread -= 0.5 * r.shape[1] * float(np.log(weights).sum())
+    weight = np.sqrt(robust_weights(r, D))[:, None]
+    if np.any(weight != 1.0):
+        r, D = r * weight, D * weight[:, :, None]
     bent = np.arange(point.tangent.count + len(places), D.shape[2])
     return Block(
         r,
@@ -289,7 +287,6 @@ def _block(
         places,
         rounding,
         spread,
-        weights,
         origin=point.coefficients[: len(places)],
     )
 
@@ -350,12 +347,9 @@ def searched(
     point = at.point
     if before is not None:
         return refitted((block,), before, point.candidates)
-
-    def least(fit: Fit) -> float:
-        """Joules below which a cause is no evidence, but where it leaves next to nothing."""
-        omitted = 0.0 if start else _least_joules(at, block, fit.coefficients)
-        return max(SIX_DIGITS * point.energy, omitted)
-
+    # What the series leaves out is estimated without causes, from numbers that a mistake inflates: it does
+    # not exclude a cause that leaves next to nothing, nor further causes beside others.
+    omitted = 0.0 if start else _least_joules(at, block)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
     linear = point.accelerations_known
     return search(
@@ -363,7 +357,7 @@ def searched(
         point.candidates,
         lambda fit: at.exchanged(fit)[0],
         at.bias,
-        least,
+        max(SIX_DIGITS * point.energy, omitted),
         MANY if linear else TOGETHER,
         0.0 if linear else NEGLIGIBLE,
         linear,
@@ -372,11 +366,11 @@ def searched(
     )
 
 
-def _least_joules(at: Regression, block: Block, coefficients: Array) -> float:
-    """Joules below which nothing is evidence of a mistake, beside coefficients of causes (P,)."""
+def _least_joules(at: Regression, block: Block) -> float:
+    """Joules below which nothing is evidence of a mistake."""
     # What the series leaves out is no matter of known accelerations, nor of a method's own map.
     series = len(block.nuisance) > at.bent.shape[2]
-    return max(at.bias, at.remainder(block, coefficients) if series else 0.0)
+    return max(at.bias, at.omitted if series else 0.0)
 
 
 def mistakes_of_one_kind(at: Regression, block: Block) -> list[Posterior]:

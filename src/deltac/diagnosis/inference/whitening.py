@@ -254,59 +254,26 @@ def left_by(D: Array, r: Array) -> Array:
 def robust_weights(r: Array, D: Array) -> Array:
     """Weights (N,) of intervals under Student's distribution, where a few of them rule the sum of squares.
 
-    They are those of r (N, d), or of what a few of the columns D (N, d, p) leave of it where that is
-    likelier: what a cause does in a few intervals is no outlier. By expectation and maximisation (Lange,
-    Little & Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989), the columns one
-    after the other: all at once would fit the few. One everywhere where r has none.
+    They are those of r (N, d), or of what the columns D (N, d, p) leave of it where that is likelier: what a
+    cause does in a few intervals is no outlier. By expectation and maximisation (Lange, Little & Taylor,
+    Robust statistical modeling using the t distribution, JASA 84, 1989). One everywhere where r has none.
     """
-    weights, likelihood = _student(r)
-    if np.all(weights == 1.0):
-        return weights
-    left, chosen = r, list[int]()
-    price = 0.5 * np.log(r.size) + np.log(max(D.shape[2], 1))
-    for _ in range(min(SEVERAL, D.shape[2])):
-        column, size = _likeliest_column(left, D, weights)
-        chosen.append(column)
-        first, _ = _student(left - size * D[:, :, column])
-        beside, other, left = weights_beside(r, D[:, :, chosen], first)
-        if not other - price > likelihood:
-            break
-        weights, likelihood = beside, other - price
-    return weights
+    alone, likelihood = _student(r)
+    if np.all(alone == 1.0) or 2 * D.shape[2] > r.size:
+        return alone
+    weights, beside = weights_beside(r, D, alone)
+    price = 0.5 * D.shape[2] * np.log(r.size)
+    return weights if beside - price > likelihood else alone
 
 
-def _likeliest_column(r: Array, D: Array, weights: Array) -> tuple[int, float]:
-    """The column, and its size, that leaves most intervals of r (N, d) within their noise.
-
-    By elemental sets (Rousseeuw & Leroy, Robust Regression and Outlier Detection, 1987, ch. 5): the sizes
-    that single intervals suggest. `weights` (N,) are low in outliers, which are asked.
-    """
-    outliers = np.argsort(weights)[: max(1, np.count_nonzero(weights < 0.5))]
-    some = outliers[np.unique(np.linspace(0, len(outliers) - 1, ELEMENTAL).astype(np.intp))]
-    rows = np.unique(np.concatenate([some, np.arange(0, len(r), max(1, len(r) // ELEMENTAL**2))]))
-    rr, DD = np.sum(r[rows] ** 2, axis=1)[:, None], np.sum(D[rows] ** 2, axis=1)
-    Dr = np.einsum("kd,kdp->kp", r[rows], D[rows])
-    typical = float(np.median(np.mean(r**2, axis=1))) / TYPICAL**2 + 1e-300
-    best, result = np.inf, (0, 0.0)
-    for k in np.searchsorted(rows, some):
-        theta = np.divide(Dr[k], DD[k], out=np.zeros(D.shape[2]), where=DD[k] > 0.0)
-        left = np.maximum(rr - 2.0 * theta * Dr + theta**2 * DD, 0.0)
-        tail = np.log1p(left / (STUDENT * typical)).sum(axis=0)
-        column = int(np.argmin(tail))
-        if tail[column] < best:
-            best, result = float(tail[column]), (column, float(theta[column]))
-    return result
-
-
-def weights_beside(r: Array, D: Array, weights: Array) -> tuple[Array, float, Array]:
-    """The weights (N,) by what columns D (N, d, p) leave of r (N, d), their likelihood, and what is left."""
-    likelihood, left = -np.inf, r
+def weights_beside(r: Array, D: Array, weights: Array) -> tuple[Array, float]:
+    """The weights (N,) by what columns D (N, d, p) leave of r (N, d), from others; their log likelihood."""
+    likelihood = -np.inf
     for _ in range(MAXIMISATIONS):
         scale = np.sqrt(weights)[:, None]
         left = left_by((D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel())
-        left = left.reshape(r.shape) / scale
-        weights, likelihood = _student(left)
-    return weights, likelihood, left
+        weights, likelihood = _student(left.reshape(r.shape) / scale)
+    return weights, likelihood
 
 
 def _student(r: Array, share: float = 0.02) -> tuple[Array, float]:
@@ -315,7 +282,7 @@ def _student(r: Array, share: float = 0.02) -> tuple[Array, float]:
     One everywhere unless the largest `share` of the intervals holds more than half of Σ r².
     """
     size, d = np.mean(r**2, axis=1), r.shape[1]
-    typical = float(np.median(size)) / TYPICAL**2 + 1e-300
+    typical = float(np.median(size)) / 0.45 + 1e-300  # the median of χ²₁ is 0.45
     tail = 1.0 + d * size / (STUDENT * typical)
     likelihood = -0.5 * r.size * np.log(typical) - 0.5 * (STUDENT + d) * np.log(tail).sum()
     ordered = np.sort(size)
@@ -325,14 +292,8 @@ def _student(r: Array, share: float = 0.02) -> tuple[Array, float]:
     return weights, float(likelihood)
 
 
-TYPICAL = 0.67
-"""The median of the absolute values of what is normal, in standard deviations."""
-
 STUDENT = 3.0
 """Degrees of freedom of the heavy-tailed likelihood."""
-
-SEVERAL, ELEMENTAL = 4, 32
-"""Columns beside which weights are asked: they need one digit; intervals that suggest their sizes."""
 
 MAXIMISATIONS, REFINEMENTS = 2, 3
 """Steps of expectation and maximisation, and of least squares: weights and likelihoods need one digit."""

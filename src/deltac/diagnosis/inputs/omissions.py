@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import ROUGHLY, SAME, SAME_STEP, Array, max_norm
-from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
 from deltac.errors import InputError, listed
@@ -24,6 +23,7 @@ from deltac.simulation.simulate import SimulationStoppedWarning, simulate
 from deltac.trajectories import Occurrence, Trajectory
 
 if TYPE_CHECKING:
+    from deltac.diagnosis.causes.causes import Candidate
     from deltac.importers import ImportReport
 
 

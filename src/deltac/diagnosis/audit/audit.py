@@ -620,7 +620,8 @@ def _judgement(
     progress(0.7)
     if inference is not None:
         missing = omissions.assumed_zero(run, reference.import_report)
-        acted = omissions.imitated(missing, inference.posterior.best.chosen)
+        causes = [(c.kind, c.element) for c in inference.posterior.best.chosen]
+        acted = omissions.imitated(missing, causes)
         if acted and not any(f.kind == "assumed-zero" and f.element for f in findings):
             findings = [f for f in findings if f.kind != "assumed-zero"]
             findings += omissions.assumed_zero_finding(missing, acted)

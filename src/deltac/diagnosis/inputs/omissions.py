@@ -23,7 +23,6 @@ from deltac.simulation.simulate import SimulationStoppedWarning, simulate
 from deltac.trajectories import Occurrence, Trajectory
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.causes.causes import Candidate
     from deltac.importers import ImportReport
 
 
@@ -94,16 +93,14 @@ IMITATIONS = {"missing-friction": ("friction",), "missing-stop": ("limit", "cont
 """Causes that do what forces of these kinds do."""
 
 
-def imitated(missing: Sequence[str], causes: Sequence[Candidate]) -> list[str]:
-    """Channels of the model's file that the log lacks, and that do what some of the causes do."""
-    own = [
-        [
-            f"{kind} {'all' if kind == 'contact' else c.element}"
-            for kind in IMITATIONS.get(c.kind, ())
-        ]
-        for c in causes
-    ]
-    return [name for name in missing if any(name in names for names in own)]
+def imitated(missing: Sequence[str], causes: Sequence[tuple[str, str]]) -> list[str]:
+    """Channels of the model's file that the log lacks, and that do what causes do, of a kind and an element."""
+    own = {
+        f"{kind} {'all' if kind == 'contact' else element}"
+        for cause, element in causes
+        for kind in IMITATIONS.get(cause, ())
+    }
+    return [name for name in missing if name in own]
 
 
 def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:

@@ -94,7 +94,7 @@ IMITATIONS = {"missing-friction": ("friction",), "missing-stop": ("limit", "cont
 
 
 def imitated(missing: Sequence[str], causes: Sequence[tuple[str, str]]) -> list[str]:
-    """Channels of the model's file that the log lacks, and that do what causes do, of a kind and an element."""
+    """Channels of the model's file that the log lacks, and that do what causes do, by kind and element."""
     own = {
         f"{kind} {'all' if kind == 'contact' else element}"
         for cause, element in causes

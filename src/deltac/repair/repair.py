@@ -28,6 +28,7 @@ from deltac.repair.edits.candidates import EditCandidate, EditedSource, EditSet,
 from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
+from deltac.repair.edits.single import smaller_indices
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.program import (
@@ -247,10 +248,15 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
+    # With a smaller index the arguments may be others, too.
+    indices = smaller_indices(source, program.source.outside_range)
+    right = _confirm(program.varied, target, deadline, indices)
+    if right:
+        return _report(program, target, right, start, deadline)
     right, suspected = _search(program, target, deadline)
     # Zeros of a control that is none may make room for an index; q̇ would tell that the form is right.
     controls = (program.source.form or PLAIN_FORM).controls
-    padded = controls > 0 and program.source.outside_range
+    padded = controls > 0 and bool(program.source.outside_range)
     coincidence = padded and not program.worst.trace.rates
     if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
@@ -273,7 +279,7 @@ def _search(
     alone: list[list[EditCandidate]] = []
     searches = []
 
-    confirm = partial(_confirm, reading, target, deadline)
+    confirm = partial(_confirm, reading.varied, target, deadline)
 
     def confirmed_first(kinds: Iterable[Iterable[EditSet]]) -> list[EditedSource]:
         return next(filter(None, map(confirm, kinds)), [])
@@ -302,7 +308,7 @@ def _total_cost(edits: EditSet) -> float:
 
 
 def _confirm(
-    reading: ProgramReading, target: Target, deadline: float, candidates: Iterable[EditSet]
+    varied: tuple[str, ...], target: Target, deadline: float, candidates: Iterable[EditSet]
 ) -> list[EditedSource]:
     """Those of some edits that are right at fresh states, cheapest first."""
     right: list[EditedSource] = []
@@ -313,10 +319,11 @@ def _confirm(
         cost = _total_cost(edits)
         if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
-        lines = tuple(reading.source.statement(e.place).lineno for e in edits)
+        source = edits[0].source
+        lines = tuple(source.statement(e.place).lineno for e in edits)
         if places[lines] >= SHOWN:
             continue
-        changed = confirmed(reading.source, target, edits, reading.varied)
+        changed = confirmed(source, target, edits, varied)
         if changed is not None and changed.text not in texts:
             texts.add(changed.text)
             places[lines] += 1

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import partial
 from typing import TypeAlias
 
 from deltac.foreign.scripts import called
 from deltac.repair.edits.candidates import (
     EditCandidate,
+    EditSet,
     family,
     functions_used,
     negated,
@@ -87,6 +88,22 @@ def edits(source: Source, place: int, names: Names) -> Edits:
         yield from _applied(source, place, node)
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call):
         yield from _arrays(source, place, node, names)
+
+
+def smaller_indices(source: Source, lines: Collection[int]) -> Iterator[EditSet]:
+    """Smaller numbers for the indices in lines where one is out of range, one at a time."""
+    for place, node in enumerate(source.nodes):
+        if not isinstance(node, ast.Subscript):
+            continue
+        if any(node.lineno <= line <= (node.end_lineno or 0) for line in lines):
+            entries = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+            for k, entry in enumerate(entries):
+                own = entry.value if isinstance(entry, ast.Constant) else None
+                for index in range(own) if isinstance(own, int) else ():
+                    some: list[ast.expr] = [*entries[:k], ast.Constant(index), *entries[k + 1 :]]
+                    new = some[0] if len(some) == 1 else ast.Tuple(some, ast.Load())
+                    tree = ast.Subscript(node.value, new, node.ctx)
+                    yield (EditCandidate(source, place, tree, "index", 1.0),)
 
 
 def additions(source: Source, place: int, names: Names) -> Edits:

@@ -246,8 +246,8 @@ def formed(source: Source, target: Target) -> Source:
             f"{source.name}: {source.qualified} takes the arguments ({arguments}); expected a function of "
             "(t, q, u), of (t, y) or of (y, t)"
         )
-    outside_range = any(isinstance(f, IndexOutOfRange) for f in failures)
-    return replace(source, form=form, outside_range=outside_range)
+    lines = frozenset(f.line for f in failures if isinstance(f, IndexOutOfRange))
+    return replace(source, form=form, outside_range=lines)
 
 
 def named_parameters(

@@ -29,7 +29,7 @@ class Source:
     root      the function itself, of a running session; None where it is found by its name
     form      how it takes the state; None where that has not been found out
     declared      what the user says of that: "ode" or None, and the order of the state's entries or None
-    outside_range  whether an index was out of range in a form that was tried before
+    outside_range  lines where an index was out of range in forms that were tried before
     """
 
     name: str
@@ -40,7 +40,7 @@ class Source:
     root: Any = None
     form: StateForm | None = None
     declared: tuple[str | None, Order] = (None, None)
-    outside_range: bool = False
+    outside_range: frozenset[int] = frozenset()
 
     @cached_property
     def user_module(self) -> UserModule:

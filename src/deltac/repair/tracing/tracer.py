@@ -96,6 +96,10 @@ class Endless(TracingRefused):
 class IndexOutOfRange(TracingRefused):
     """An index is out of range in a line of the file."""
 
+    def __init__(self, line: int, message: str) -> None:
+        super().__init__(message)
+        self.line = line
+
 
 @dataclass(frozen=True, repr=False)
 class Instance:
@@ -311,7 +315,8 @@ class _Tracer:
         except Exception as error:
             place = self.place_of(error)
             name, line = place or (self.source.name, self.source.first_line)
-            message, refusal = str(error), TracingRefused
+            refusal: Callable[[str], TracingRefused] = TracingRefused
+            message = str(error)
             if isinstance(error, RecursionError):
                 message = "calls itself without end"
             elif isinstance(error, TapeError | library.NotUnderstood):
@@ -326,7 +331,7 @@ class _Tracer:
                         f"line, mend that first; else {READABLE}"
                     )
                 if isinstance(error, IndexError) and name == self.source.name:
-                    refusal = IndexOutOfRange
+                    refusal = functools.partial(IndexOutOfRange, line)
             raise refusal(f"{name}:{line}: {message}") from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:

@@ -26,6 +26,7 @@ from deltac.diagnosis.audit.habits import (
 )
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
+from deltac.diagnosis.causes.causes import KINDS
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.attribution import with_unexplained
@@ -605,7 +606,8 @@ def _judgement(
     if told is not None:
         with_them = balanced(mechanism, told[0], reference.work, (*log.findings, told[1]))
         return _judgement(reference, with_them, known, limit, progress)
-    findings = _findings_of_columns(reference, log, known, impacts)
+    missing = omissions.assumed_zero(log.run, reference.import_report)
+    findings = _findings_of_columns(reference, log, known, impacts, missing)
     progress(0.2)
     result = _inference_of_rows(reference, log, known, findings, limit, progress)
     if isinstance(result, Judgement):
@@ -618,13 +620,10 @@ def _judgement(
         refuted = doubts | (set(omissions.OF_UNITS) if inference.closes else set())
         findings = [f for f in findings if f.kind not in refuted]
     progress(0.7)
-    if inference is not None:
-        missing = omissions.assumed_zero(run, reference.import_report)
-        causes = [(c.kind, c.element) for c in inference.posterior.best.chosen]
-        acted = omissions.imitated(missing, causes)
-        if acted and not any(f.kind == "assumed-zero" and f.element for f in findings):
-            findings = [f for f in findings if f.kind != "assumed-zero"]
-            findings += omissions.assumed_zero_finding(missing, acted)
+    acted = _imitated(missing, inference)
+    if acted and not any(f.kind == "assumed-zero" and f.element for f in findings):
+        findings = [f for f in findings if f.kind != "assumed-zero"]
+        findings += omissions.assumed_zero_finding(missing, acted)
     if inference is not None and not certain:
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
@@ -640,18 +639,28 @@ def _judgement(
 
 
 def _findings_of_columns(
-    reference: AuditReference, log: Log, known: Sequence[Finding], impacts: Sequence[Finding]
+    reference: AuditReference,
+    log: Log,
+    known: Sequence[Finding],
+    impacts: Sequence[Finding],
+    missing: Sequence[str],
 ) -> list[Finding]:
-    """What the columns say before anything is inferred."""
+    """What the columns say before anything is inferred; `missing` are channels of the model's file."""
     mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
     findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
     findings += checks.violations(mechanism, log.run, log.ledger, tolerance)
     findings += impacts
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     findings += checks.stale_rows(mechanism, log.consecutive)
-    missing = omissions.assumed_zero(log.run, report)
     limits = omissions.limits_reached(log.run, report)
     return findings + omissions.assumed_zero_finding(missing, limits)
+
+
+def _imitated(missing: Sequence[str], inference: Inference | None) -> list[str]:
+    """Channels of the model's file that the log lacks, and that do what causes do."""
+    causes = inference.posterior.best.chosen if inference is not None else ()
+    places = [(kind, c.element) for c in causes for kind in KINDS[c.kind].like]
+    return [name for name in missing if any(name in (f"{k} {at}", f"{k} all") for k, at in places)]
 
 
 def _names_a_cause(findings: Sequence[Finding]) -> bool:
@@ -893,7 +902,7 @@ def _is_explained(judged: Judgement, scaled: bool) -> bool:
     """
     scales = {c.kind for c in judged.causes} & {"actuator-gear", "mass-scale"}
     inference, most = judged.inference, SMALL_SHARE**2 if scaled else ROUGHLY
-    named = inference and judged.causes and not judged.lacking and 1.0 - inference.explained <= most
+    named = inference and _names_causes(judged) and 1.0 - inference.explained <= most
     explained = _follows(inference) or bool(named)
     return _turns_axes(judged) or (explained and not (scaled and scales))
 
@@ -906,8 +915,13 @@ def _turns_axes(judged: Judgement) -> bool:
 def _says_why(judged: Judgement) -> bool:
     """Whether a judgement names what keeps a replay from reproducing the rows."""
     late = any(f.kind == "late-forces" for f in judged.noticed)
-    named = _follows(judged.inference) and (late or bool(judged.causes))
-    return _turns_axes(judged) or (named and judged.lacking is None)
+    named = _follows(judged.inference) and (late or _names_causes(judged))
+    return _turns_axes(judged) or named
+
+
+def _names_causes(judged: Judgement) -> bool:
+    """Whether causes are named that forces which the log lacks do not do."""
+    return bool(judged.causes) and judged.lacking is None
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

@@ -66,6 +66,7 @@ class CauseKind:
             "forgotten": at least 0, and no factor above 10; "slip": a factor that a slip in equations makes;
             "passive": a factor of at least 0, or −1
     tells   which of a body's mass m, mass centre c and central inertia J it tells
+    like    kinds of channels whose forces do the same on its joint, or anywhere
     """
 
     words: str
@@ -74,6 +75,7 @@ class CauseKind:
     unit: str = ""
     sign: Sign = "any"
     tells: str = ""
+    like: tuple[str, ...] = ()
 
 
 def _factor(words: str, remedy: str, sign: Sign = "any", tells: str = "") -> CauseKind:
@@ -84,9 +86,9 @@ def _mass(words: str, tells: str) -> CauseKind:
     return _factor(f"{words}{{more}}", MASSES, "factor", tells)
 
 
-def _lacking(what: str, number: str, unit: str) -> CauseKind:
+def _lacking(what: str, number: str, unit: str, like: tuple[str, ...] = ()) -> CauseKind:
     words = f"a {what} of {{shown}} {{unit}} at joint {{element}} that the model does not have"
-    return CauseKind(words, ADD, number, unit, "positive")
+    return CauseKind(words, ADD, number, unit, "positive", like=like)
 
 
 def _other(what: str, number: str, unit: str, sign: Sign = "any") -> CauseKind:
@@ -149,7 +151,7 @@ KINDS = {
         sign="positive",
         tells="J",
     ),
-    "missing-friction": _lacking("dry friction", "friction", "{F}"),
+    "missing-friction": _lacking("dry friction", "friction", "{F}", ("friction",)),
     "missing-drag": _lacking("drag by the square of the speed", "drag", "{F}·s²/{q}²"),
     "body-damping": CauseKind(
         "a viscous drag of {shown} {unit} acts on {element} at its mass centre",
@@ -198,6 +200,7 @@ KINDS = {
         "joint {element} has a stop that the model does not have: a stiffness of {several} {unit} {where}",
         unit="{F}/{q}",
         sign="positive",
+        like=("limit", "contact"),
     ),
     "gravity-vector": CauseKind(
         "gravity in the run is {several} m/s², not {bases}", GRAVITY, unit="m/s²"

@@ -89,20 +89,6 @@ def assumed_zero_finding(missing: Sequence[str], reached: Sequence[str] = ()) ->
     ]
 
 
-IMITATIONS = {"missing-friction": ("friction",), "missing-stop": ("limit", "contact")}
-"""Causes that do what forces of these kinds do."""
-
-
-def imitated(missing: Sequence[str], causes: Sequence[tuple[str, str]]) -> list[str]:
-    """Channels of the model's file that the log lacks, and that do what causes do, by kind and element."""
-    own = {
-        f"{kind} {'all' if kind == 'contact' else element}"
-        for cause, element in causes
-        for kind in IMITATIONS.get(cause, ())
-    }
-    return [name for name in missing if name in own]
-
-
 def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:
     """One finding for all channels whose work is hardly known, with the error of the largest."""
     unknown = ledger.unresolved

@@ -64,7 +64,22 @@ def test_a_logged_damper_of_another_strength_is_told() -> None:
     assert audit.verdict.kind == "equation-error"
     [told] = [f for f in audit.findings if f.code == "F-CHANNEL-DIFFERS"]
     assert told.factor == pytest.approx(1.0 / 0.95, rel=1e-9)
-    assert dc.audit(pendulum(), rows).verdict.kind == "consistent"
+    # What moves less than is allowed is told as well.
+    less = dc.audit(pendulum(0.99 * DAMPING), rows)
+    assert less.verdict.kind == "consistent"
+    assert [f.weight for f in less.findings if f.code == "F-CHANNEL-DIFFERS"] == ["note"]
+    same = dc.audit(pendulum(), rows)
+    assert same.verdict.kind == "consistent" and not same.findings
+
+
+def test_a_logged_force_where_nothing_moves() -> None:
+    """No energy is exchanged, of which a difference were a share."""
+    angle, still = 0.0, -REST - MASS * G / SPRING
+    t = STEP * np.arange(100)
+    rows = {"time": t, "q.swing": 0 * t + angle, "q.slide": 0 * t + still}
+    rows |= {"u.swing": 0 * t, "u.slide": 0 * t, "force.damper slide.slide": 0 * t}
+    audit = dc.audit(pendulum(), rows)
+    assert audit.verdict.kind == "unresolved" and audit.energy_exchanged == 0.0
 
 
 def test_a_logged_force_that_is_the_models_own_is_so_between_rows() -> None:
@@ -81,9 +96,14 @@ def test_a_logged_force_that_is_the_models_own_is_so_between_rows() -> None:
 
 def test_a_force_that_neither_has_is_of_the_equations() -> None:
     """Of a body whose mass centre is its origin, no size says how far that may be off."""
-    audit = dc.audit(pendulum(), log(torque=0.6))
+    rows = log(torque=0.6)
+    audit = dc.audit(pendulum(), rows)
     assert audit.verdict.kind == "equation-error", audit.explain()
+    # It is held over each step.
+    torque = 0.6 * np.sin(7.0 * rows["time"][:-1])
+    work = float(np.sum(torque * np.diff(rows["q.swing"])))
     assert audit.attribution is not None
+    assert audit.attribution.equations.energy == pytest.approx(work, rel=1e-2)
 
 
 ARM = """<mujoco><option timestep="0.002" integrator="RK4"/><worldbody>

@@ -15,6 +15,7 @@ from deltac.arrays import SAME, SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
 from deltac.diagnosis.inference.hypotheses import autocorrelation_time
+from deltac.diagnosis.inputs.channels import through_difference
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.measurements.digits import scatter
@@ -22,7 +23,7 @@ from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import MOST_SAMPLES, run_residual, stale_stage
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import some_rows
-from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.diagnosis.verdict import Finding, Weight
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError
@@ -283,8 +284,7 @@ def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
 def _difference(
     name: ChannelName, own: Array | None, logged: Array, energy: float, energy_exchanged: float
 ) -> Finding:
-    share = percent(energy / energy_exchanged)
-    moved = f"{energy:.3g} J flowed through the difference, {share} of the energy exchanged"
+    moved = through_difference(energy, energy_exchanged)
     if own is None or not own.any():
         return Finding(
             "channel-not-in-model",

@@ -91,8 +91,14 @@ def foreign_notes(works: Mapping[ChannelName, float], energy_exchanged: float) -
 
 
 def _share(energy: float, energy_exchanged: float) -> str:
-    part = percent(energy / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
-    return f"{part} of the energy exchanged"
+    if not energy_exchanged > 0.0:
+        return "where no energy is exchanged"
+    return f"{percent(energy / energy_exchanged)} of the energy exchanged"
+
+
+def through_difference(energy: float, energy_exchanged: float) -> str:
+    """How much energy (J) flowed through the difference of two forces, in words."""
+    return f"{energy:.3g} J flowed through the difference, {_share(energy, energy_exchanged)}"
 
 
 def foreign_words(
@@ -136,7 +142,7 @@ def differing_gears(
                 "channel-differs",
                 str(gear),
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
-                f"{energy:.3g} J flowed through the difference, {_share(energy, ledger.energy_exchanged)}",
+                + through_difference(energy, ledger.energy_exchanged),
                 "Give the model the gear that the simulator used",
                 "cause" if energy > tolerance * ledger.energy_exchanged else "note",
                 gear.channel,

@@ -15,7 +15,7 @@ from deltac.arrays import SAME, SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
 from deltac.diagnosis.inference.hypotheses import autocorrelation_time
-from deltac.diagnosis.inputs.channels import through_difference
+from deltac.diagnosis.inputs.channels import intolerable, through_difference
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.measurements.digits import scatter
@@ -240,9 +240,8 @@ def differing_channels(
 ) -> list[Finding]:
     """Logged forces that are not the model's own, where that moves more energy than the tolerance.
 
-    As of mistakes, that is what flows either way, as a share of what is exchanged, or what it adds to ΔC, of
-    what the system has. What moves less is a note where a channel is all that the model lacks, or a factor is
-    all that differs.
+    What a force adds to ΔC counts where the model lacks the channel or differs by a factor: other differences
+    may be noise of the column, or a filter. What moves less is a note there.
     """
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
@@ -261,11 +260,10 @@ def differing_channels(
             continue
         power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
         energy = float(np.trapezoid(np.abs(power), t))
-        net = float(np.abs(np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))).max())
         found = _difference(name, own, logged, energy, ledger.energy_exchanged)
         simple = own is None or found.factor is not None
         if energy > tolerance * ledger.energy_exchanged or (
-            simple and net > tolerance * ledger.reference_energy
+            simple and intolerable(power, t, ledger, tolerance)
         ):
             findings.append(found)
         elif simple and energy > SIX_DIGITS * ledger.energy_exchanged:

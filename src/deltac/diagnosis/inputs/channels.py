@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME
+from deltac.arrays import SAME, Array
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -96,6 +96,20 @@ def _share(energy: float, energy_exchanged: float) -> str:
     return f"{percent(energy / energy_exchanged)} of the energy exchanged"
 
 
+def intolerable(power: Array, t: Array, ledger: Ledger, tolerance: float) -> bool:
+    """Whether a power (T,) that should not be is more than the tolerance, as of mistakes in the equations.
+
+    That is what flows either way, as a share of what is exchanged, or what it adds to ΔC, of what the system
+    has.
+    """
+    net = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))
+    flow = float(np.trapezoid(np.abs(power), t))
+    return (
+        flow > tolerance * ledger.energy_exchanged
+        or float(np.abs(net).max(initial=0.0)) > tolerance * ledger.reference_energy
+    )
+
+
 def through_difference(energy: float, energy_exchanged: float) -> str:
     """How much energy (J) flowed through the difference of two forces, in words."""
     return f"{energy:.3g} J flowed through the difference, {_share(energy, energy_exchanged)}"
@@ -133,10 +147,9 @@ def differing_gears(
     """
     findings: list[Finding] = []
     for gear in other_gears(run, import_report):
-        power = np.abs(ledger.power.get(gear.channel, np.zeros(len(ledger.t))))
-        energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
-            np.trapezoid(power, ledger.t)
-        )
+        power = ledger.power.get(gear.channel, np.zeros(len(ledger.t)))
+        power = (1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * power
+        energy = float(np.trapezoid(np.abs(power), ledger.t))
         findings.append(
             Finding(
                 "channel-differs",
@@ -144,7 +157,7 @@ def differing_gears(
                 f"force per unit of control: log {_shown(gear.logged)}, model {_shown(gear.model)}; "
                 + through_difference(energy, ledger.energy_exchanged),
                 "Give the model the gear that the simulator used",
-                "cause" if energy > tolerance * ledger.energy_exchanged else "note",
+                "cause" if intolerable(power, ledger.t, ledger, tolerance) else "note",
                 gear.channel,
                 gear.factor,
             )

@@ -581,7 +581,12 @@ def check_times(t: Array) -> None:
         )
     if not forward.all():
         row = int(np.argmin(forward)) + 1
-        remedy = "Sort the rows, or drop the repeated ones."
+        again = t[0] <= t[row] <= t[0] + np.abs(np.diff(t)).min() and t[row] < t[row - 1]
+        remedy = (
+            "The clock starts again there: give each episode a log of its own."
+            if again
+            else "Sort the rows, or drop the repeated ones."
+        )
         raise LogError(
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
             f"expected times that strictly increase. {rounded_clock(t) or remedy}"

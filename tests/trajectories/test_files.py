@@ -213,7 +213,10 @@ def test_a_foreign_parquet(tmp_path: Path) -> None:
         ("time,q.a,u.a\nNaN,1,2\n", "'time', row 0 (of 0 to 0): found nan"),
         ("time,q.a,u.a\n0,1,2\n0,1,2\n", "'time', row 1 (of 0 to 1): found 0.0 after 0.0"),
         ("time,q.a,u.a\n0,1,2\n1,1,2\n3,1,2\n2,1,2\n", "Sort the rows"),
-        ("time,q.a,u.a\n0,1,2\n1,1,2\n2,1,2\n0,1,2\n1,1,2\n", "row 3 (of 0 to 4): found 0.0 after 2.0"),
+        (
+            "time,q.a,u.a\n0,1,2\n1,1,2\n2,1,2\n0,1,2\n1,1,2\n",
+            "row 3 (of 0 to 4): found 0.0 after 2.0",
+        ),
         ("time,q.a,u.a\n0,1,2\n1,1,2\n2,1,2\n1,1,2\n2,1,2\n", "give each episode a log of its own"),
         ('time,q.a,u.a\n0,1,2\n1,"1,2\n', "line 3 cannot be taken apart"),
         ("time,q.a,u.a\n0,1\n1,2\n", "line 2 has 2 fields, expected 3"),

@@ -7,6 +7,7 @@ the mechanism's own rule: the joint's name for one coordinate, ``<joint>.<part>`
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -141,19 +142,44 @@ def _gears(model: Any) -> list[Any]:
     return [x.ravel() for x in np.split(gears, np.cumsum(outputs)[:-1])] if len(outputs) else []
 
 
-def servo_damping(model: Any) -> dict[str, float]:
-    """Speed of a hinge or slide -> damping in the laws of its servos, N·s/m or N·m·s/rad, if there is any."""
+@dataclass(frozen=True)
+class Feedback:
+    """What an actuator adds to a hinge or slide by its bias: −stiffness · q − damping · u, N or N·m."""
+
+    joint: str
+    speed: str
+    stiffness: float
+    damping: float
+
+
+def feedback(model: Any) -> dict[str, Feedback]:
+    """Actuator -> the state in its law, of those of affine bias on a hinge or slide: position servos, ….
+
+    Limits of the force, and a gain that varies with the state, are not looked at.
+    """
     import mujoco
 
-    damping: dict[str, float] = {}
-    speeds, affine = speed_names(model), int(mujoco.mjtBias.mjBIAS_AFFINE)
+    laws: dict[str, Feedback] = {}
+    joints, speeds = joint_names(model), speed_names(model)
+    affine, on_joints = int(mujoco.mjtBias.mjBIAS_AFFINE), int(mujoco.mjtTrn.mjTRN_JOINT)
     single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    for k, gear in enumerate(_gears(model)):
+    for k, (name, gear) in enumerate(zip(actuator_names(model), _gears(model))):
         joint = int(model.actuator_trnid[k, 0])
-        on_joint = int(model.actuator_trntype[k]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        own = on_joint and int(model.jnt_type[joint]) in single
-        size = -float(model.actuator_biasprm[k, 2]) * float(gear[0]) ** 2
-        if own and int(model.actuator_biastype[k]) == affine and size:
+        if int(model.actuator_trntype[k]) != on_joints or int(model.jnt_type[joint]) not in single:
+            continue
+        if int(model.actuator_biastype[k]) == affine:
+            stiffness, damping = (
+                -float(x) * float(gear[0]) ** 2 for x in model.actuator_biasprm[k, 1:3]
+            )
             speed = speeds[int(model.jnt_dofadr[joint])]
-            damping[speed] = damping.get(speed, 0.0) + size
+            laws[name] = Feedback(joints[joint], speed, stiffness, damping)
+    return laws
+
+
+def servo_damping(model: Any) -> dict[str, float]:
+    """Speed of a hinge or slide -> damping in the laws of its servos, N·s/m or N·m·s/rad, if there is any."""
+    damping: dict[str, float] = {}
+    for law in feedback(model).values():
+        if law.damping:
+            damping[law.speed] = damping.get(law.speed, 0.0) + law.damping
     return damping

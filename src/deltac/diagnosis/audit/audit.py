@@ -58,6 +58,7 @@ from deltac.diagnosis.verdict import (
 )
 from deltac.energy import Ledger, balance
 from deltac.errors import InputError, LogError, ModelError, SolverError
+from deltac.mechanism import Element
 from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -522,8 +523,8 @@ def _judged(
         )
         findings, departures = again.findings, again.departures
         if again.with_actuators is not None and source.passive:
-            read = read_log(mechanism, again.with_actuators, reference.work, None, keep=LONG_LOG)
-            judged = _judgement(reference, read, (), limit)
+            run, laws = again.with_actuators
+            judged = _by_laws(reference, run, laws, limit)
             named = _says_why(judged)
             if source.replay and named:
                 return replace(judged, noticed=(*judged.noticed, *findings))
@@ -547,6 +548,19 @@ def _judged(
     progress = parts.part("read")
     read = read_log(mechanism, log, reference.work, mapping, keep=LONG_LOG, progress=progress)
     return _judgement(reference, read, findings, limit, parts.part("evidence"), departures)
+
+
+def _by_laws(
+    reference: AuditReference, run: Trajectory, laws: Sequence[Element], limit: TimeLimit
+) -> Judgement:
+    """The judgement of a log whose actuators act by the state as some elements do."""
+    mechanism, report = reference.mechanism, reference.import_report
+    if laws:
+        mechanism = replace(mechanism, forces=(*mechanism.forces, *laws))
+        report = report and replace(report, servo_damping={})
+        reference = replace(reference, mechanism=mechanism, import_report=report)
+    read = read_log(mechanism, run, reference.work, None, keep=LONG_LOG)
+    return _judgement(reference, read, (), limit)
 
 
 def audit_together(
@@ -1120,9 +1134,11 @@ def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | No
         return None
     rows = model.rows(run)
     moved = model.difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))[:, : model.n]
-    if len(inference.w) == len(moved):
-        # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
-        moved = moved - inference.w[:, : model.n]
+    steps = inference.steps if inference.methods else inference.w
+    if len(steps) == len(moved):
+        # The work along the motion: what the integrator does besides is its error, and in ΔC. An unknown one
+        # may do all that rows depart by.
+        moved = moved - steps[:, : model.n]
     place = {int(k): row for row, k in enumerate(model.of_u)}
     works, forces = dict[ChannelName, Array](), dict[ChannelName, Array]()
     for name, speeds in model.log.places.items():

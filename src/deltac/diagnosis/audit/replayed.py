@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME_STEP, SOME_ROWS, Array
+from deltac.arrays import SAME, SAME_STEP, SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
@@ -18,10 +18,13 @@ from deltac.diagnosis.inputs.omissions import assumed_zero
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import balance
 from deltac.errors import ArgumentsError, InputError, LogError, listed
-from deltac.importers.names import actuator_names
+from deltac.forces import joint_torque
+from deltac.importers.names import actuator_names, feedback
+from deltac.laws import q, u
+from deltac.mechanism import Element
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
-from deltac.recorders.mujoco_forces import actuator_forces, of_controls_alone, solver_name
+from deltac.recorders.mujoco_forces import Forces, actuator_forces, of_controls_alone, solver_name
 from deltac.recorders.mujoco_recorder import compiled_model
 from deltac.recorders.replay import Replay, replay_mujoco
 from deltac.trajectories import Trajectory
@@ -55,7 +58,8 @@ class Attempt:
     findings        what it tells
     departures      (T,) energy (J) of each row of the run beyond that of the state at which the step before
                     it arrived
-    with_actuators  the log with the forces of its actuators, where its rows are not reproduced
+    with_actuators  the log with the forces of its actuators, where its rows are not reproduced, and what
+                    these forces are by the state, as elements
     occasional      whether some rows are missed by far more than the typical one, as after a push
     scaled          whether its controls may be a policy's outputs, which are scaled before they act
     """
@@ -63,7 +67,7 @@ class Attempt:
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
-    with_actuators: Trajectory | None = None
+    with_actuators: tuple[Trajectory, tuple[Element, ...]] | None = None
     occasional: bool = False
     scaled: bool = True
 
@@ -202,10 +206,11 @@ def _unasked(
 
 def _with_actuators(
     program: MjModel, mechanism: Mechanism, reading: LogReading
-) -> Trajectory | None:
-    """The log with the forces of actuators by its controls; None where these do not tell them.
+) -> tuple[Trajectory, tuple[Element, ...]] | None:
+    """The log with the forces of actuators by its controls, and what these forces are by the state.
 
-    They do not tell forces that vary with the state between rows.
+    None where the controls do not tell them. MuJoCo asks for forces once a step, but at each stage of RK4;
+    there, and over several steps, those that vary with the state are laws of the model, and the rest is held.
     """
     run, _ = in_model_order(mechanism, reading.trajectory())
     controls = _controls(reading, program)
@@ -214,18 +219,52 @@ def _with_actuators(
         return None
     if not np.isfinite(controls[0]).all():
         return None
-    one_step = np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max(initial=0.0) <= SAME_STEP
-    # MuJoCo asks for forces once a step, but at each stage of RK4.
-    if not of_controls_alone(program) and (not one_step or solver_name(program) == "rk4"):
-        return None
     forces = actuator_forces(program, run.q, run.u, controls[0])
     if forces is None:
         return None
+    one_step = np.abs(np.diff(run.t) / program.opt.timestep - 1.0).max(initial=0.0) <= SAME_STEP
+    laws: tuple[Element, ...] = ()
+    if not of_controls_alone(program) and (not one_step or solver_name(program) == "rk4"):
+        split = _laws_of_state(program, run, controls[0], forces)
+        if split is None:
+            return None
+        forces, laws = split
     held = run.provenance.held
     if one_step:  # over several the controls may have been others
         held = (*(held or ()), *forces)
     provenance = replace(run.provenance, held=held)
-    return replace(run, forces={**run.forces, **forces}, provenance=provenance)
+    return replace(run, forces={**run.forces, **forces}, provenance=provenance), laws
+
+
+def _laws_of_state(
+    program: MjModel, run: Trajectory, controls: Array, forces: Forces
+) -> tuple[Forces, tuple[Element, ...]] | None:
+    """What of actuators' forces is by their controls alone, and the rest as elements.
+
+    None where the rest is no linear law, as of a force that meets its limit.
+    """
+    at_rest = np.broadcast_to(program.qpos0, run.q.shape), np.zeros_like(run.u)
+    by_controls, laws = actuator_forces(program, *at_rest, controls), list[Element]()
+    if by_controls is None:
+        return None
+    linear = {name: force.copy() for name, force in by_controls.items()}
+    for name, law in feedback(program).items():
+        at_q, at_u = run.coordinates.index(law.joint), run.speeds.index(law.speed)
+        channel, start = f"actuator {name}", law.stiffness * program.qpos0[at_q]
+        by_controls[channel][:, at_u] += start
+        state = law.stiffness * run.q[:, at_q] + law.damping * run.u[:, at_u]
+        linear[channel][:, at_u] += start - state
+        if law.stiffness:
+            torque = -law.stiffness * q(law.joint)
+            laws.append(joint_torque(f"{name} by position", law.joint, torque))
+        if law.damping:
+            torque = -law.damping * u(law.speed)
+            laws.append(joint_torque(f"{name} by speed", law.joint, torque))
+    same = all(
+        np.abs(linear[n] - f).max(initial=0.0) <= SAME * np.abs(f).max(initial=0.0)
+        for n, f in forces.items()
+    )
+    return (by_controls, tuple(laws)) if same else None
 
 
 def _stepped(

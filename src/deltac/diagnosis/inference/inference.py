@@ -1059,5 +1059,6 @@ def inferred(
         residual=residual,
         acceleration=point.model.at(point.flow.nodes[0]),
         w=point.w,
+        steps=point.flow.w - comparison.effects - (0.0 if scattered else residual),
         gradient=at.gradient,
     )

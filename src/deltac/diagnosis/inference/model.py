@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.diagnosis.causes.columns import Column, ColumnKernels
+from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import RowExpression
-from deltac.mechanism.channels import PASSIVE
+from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.forces import JointDamper
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -92,10 +92,13 @@ class _Expressions:
             r = (force - rnea(s, still))[at]
             a, _ = bound.schur.solve(r, bound.rows.gamma)
             G = bound.rows.G
-        # Engines treat damping implicitly in joints, and some of them in cords and between bodies as well.
+        # Engines treat damping implicitly in joints, and some of them in cords, between bodies and in laws of
+        # actuators as well.
         joints = {x.name for x in mechanism.elements if isinstance(x, JointDamper)}
-        dampers = [p for p in symbols.parts if p.name.kind == "damper" and p.name not in log.places]
-        in_joints = [p for p in dampers if p.name.element in joints]
+        own = [p for p in symbols.parts if p.name not in log.places]
+        drives = [p for p in own if p.name.kind == "actuator" and ca.depends_on(p.force, s.u)]
+        dampers = [p for p in own if p.name.kind == "damper"] + drives
+        in_joints = [p for p in dampers if p.name.kind == "damper" and p.name.element in joints]
         damping, whole = (
             ca.SX(sum((p.force[at] for p in some), start=ca.SX.zeros(len(at))))
             for some in (in_joints, dampers)
@@ -113,21 +116,34 @@ class _Expressions:
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(in_joints) and not damping.is_zero()
         self.damped_elsewhere = len(dampers) > len(in_joints)
+        self.dampers = tuple(frozenset(p.name for p in some) for some in (in_joints, dampers))
 
 
 class _Change:
     """Causes with their coefficients: by how much M, the generalized forces and the dampers are others.
 
+    Dampers are those of the channels in joints, and all of them.
+
     F_r + F*_r + Σ θ_j x_j = 0 with columns that are affine in u̇: those of the first kernels.
     """
 
-    def __init__(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> None:
-        own = coefficients[: len(kernels[0].columns)]
-        of_dampers = np.array([_damps(column) for column in kernels[0].columns], dtype=bool)
-        dampers = np.where(of_dampers, own, 0.0)
-        self.damped = bool(np.any(dampers))
+    def __init__(
+        self,
+        kernels: Sequence[ColumnKernels],
+        coefficients: Array,
+        dampers: Sequence[frozenset[ChannelName]],
+    ) -> None:
+        columns, own = kernels[0].columns, coefficients[: len(kernels[0].columns)]
         self._force = _sum(kernels[0], own, "x", rated=True) if own.any() else None
-        self._damping = _sum(kernels[0], dampers, "d") if self.damped else None
+        self._damping = list[RowExpression | None]()
+        for channels in dampers:
+            damps = [
+                x.what == "damper" or (x.what == "channel" and x.element in channels)
+                for x in columns
+            ]
+            some = np.where(damps, own, 0.0)
+            self._damping.append(_sum(kernels[0], some, "d") if some.any() else None)
+        self.damped = self._damping[0] is not None
 
     def force(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> tuple[Array, Array]:
         """Sum x (T, n) of the columns of forces and masses, and ∂x/∂u̇ (T, n, n)."""
@@ -137,11 +153,10 @@ class _Change:
         x, A = self._force(t, q, u, a, F)
         return x, A.reshape(len(t), n, n).transpose(0, 2, 1)
 
-    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
-        """What of x are dampers (T, n)."""
-        if self._damping is None:
-            return np.zeros_like(u)
-        return self._damping(t, q, u, np.zeros_like(u), F)[0]
+    def damping(self, t: Array, q: Array, u: Array, F: Array, everywhere: bool) -> Array:
+        """What of x are dampers in joints, or `everywhere` (T, n)."""
+        damping = self._damping[int(everywhere)]
+        return np.zeros_like(u) if damping is None else damping(t, q, u, np.zeros_like(u), F)[0]
 
 
 def _sum(columns: ColumnKernels, c: Array, name: str, rated: bool = False) -> RowExpression:
@@ -151,12 +166,6 @@ def _sum(columns: ColumnKernels, c: Array, name: str, rated: bool = False) -> Ro
     x = ca.substitute(x, ca.vertcat(*rates), ca.SX.zeros(ca.vertcat(*rates).shape))
     inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
     return RowExpression(name, inputs, x, *([ca.jacobian(x, udot)] if rated else []))
-
-
-def _damps(column: Column) -> bool:
-    return column.what == "damper" or (
-        column.what == "channel" and getattr(column.element, "kind", "") == "damper"
-    )
 
 
 class LogModel:
@@ -230,7 +239,8 @@ class LogModel:
     def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> LogModel:
         """The model with causes in its equations: coefficients (P,), of the columns of the first kernels."""
         other = copy(self)
-        other.change = _Change(kernels, coefficients) if coefficients.any() else None
+        dampers = self._expressions.dampers
+        other.change = _Change(kernels, coefficients, dampers) if coefficients.any() else None
         other.damped = self._expressions.damped or (
             other.change is not None and other.change.damped
         )
@@ -278,7 +288,7 @@ class LogModel:
             own = own + self.servo_damping(t, q, u)
         if self.change is None:
             return own
-        return own + self.change.damping(t, q, u, F)
+        return own + self.change.damping(t, q, u, F, everywhere)
 
     def servo_damping(self, t: Array, q: Array, u: Array) -> Array:
         """What of logged forces is damping by servos' own laws (T, n)."""

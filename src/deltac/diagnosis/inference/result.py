@@ -149,6 +149,7 @@ class Inference:
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
+        steps: what of these the integrator makes (N, 2n).
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
         unbuilt: the inference to first order at the model itself, where causes were built into it.
         alone: sum of squares that the model without causes leaves, where causes were relinearised.
@@ -187,6 +188,7 @@ class Inference:
     residual: Array
     acceleration: Array
     w: Array
+    steps: Array
     gradient: Array
     unbuilt: Inference | None = None
     force: UnknownForce | None = None

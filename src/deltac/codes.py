@@ -103,6 +103,7 @@ FINDINGS: dict[str, str] = {
     "speed-not-rate": "a speed is not the rate of its coordinate",
     "undecided": "what would decide where a verdict is unresolved",
     "replayed": "MuJoCo's model, stepped from row to row, arrives at every row of the log",
+    "identified": "MuJoCo's model reproduces the log with other parameters",
     "replay-departs": "MuJoCo's model, stepped from a row of the log, misses the next one",
     "time-limit": "an audit left out what its verdict can do without, since its time limit had passed",
     "not-replayed": "a log of a MuJoCo model that lacks forces could not be stepped again between its rows",

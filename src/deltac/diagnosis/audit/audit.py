@@ -534,8 +534,11 @@ def _judged(
                     [f for f in findings if f.kind == "replay-departs"] if source.replay else []
                 )
                 return replace(judged, noticed=(*judged.noticed, *map(replayed.as_note, departs)))
-        if again.run is not None:
-            log, mapping = again.run, None
+        other = again.with_other_parameters and again.with_other_parameters()
+        if other:
+            findings, departures = other.findings, None
+        if (stepped := (other or again).run) is not None:
+            log, mapping = stepped, None
     if not source.passive:
         run, order = in_model_order(mechanism, read_run(mechanism, log, mapping))
         to_log = " ".join(map(str, report.ignored)) if report else ""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME, SAME_STEP, SOME_ROWS, Array
+from deltac.arrays import SAME, SAME_STEP, SMALL_SHARE, SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
+from deltac.diagnosis.audit.identification import Prediction, identified
 from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.inputs.omissions import assumed_zero
@@ -25,7 +27,7 @@ from deltac.mechanism import Element
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.recorders.mujoco_forces import Forces, actuator_forces, of_controls_alone, solver_name
-from deltac.recorders.mujoco_recorder import compiled_model
+from deltac.recorders.mujoco_recorder import as_run, compiled_model
 from deltac.recorders.replay import Replay, replay_mujoco
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.files import log_reading, naming
@@ -54,20 +56,22 @@ OUTLIER = 10.0
 class Attempt:
     """What became of a replay.
 
-    run             every step of the motion; None where there was none
-    findings        what it tells
-    departures      (T,) energy (J) of each row of the run beyond that of the state at which the step before
-                    it arrived
-    with_actuators  the log with the forces of its actuators, where its rows are not reproduced, and what
-                    these forces are by the state, as elements
-    occasional      whether some rows are missed by far more than the typical one, as after a push
-    scaled          whether its controls may be a policy's outputs, which are scaled before they act
+    run                    every step of the motion; None where there was none
+    findings               what it tells
+    departures             (T,) energy (J) of each row of the run beyond that of the state at which the step
+                           before it arrived
+    with_actuators         the log with the forces of its actuators, where its rows are not reproduced, and
+                           what these forces are by the state, as elements
+    with_other_parameters  the replay by other parameters of the model that reproduce the log; None for none
+    occasional             whether some rows are missed by far more than the typical one, as after a push
+    scaled                 whether its controls may be a policy's outputs, which are scaled before they act
     """
 
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
     with_actuators: tuple[Trajectory, tuple[Element, ...]] | None = None
+    with_other_parameters: Callable[[], Attempt | None] | None = None
     occasional: bool = False
     scaled: bool = True
 
@@ -124,7 +128,10 @@ def replayed(
         if any(f.kind in ("not-replayed", "replay-departs") for f in attempt.findings):
             scaled = not (program.nu and _arrays(reading, OF_MUJOCO, program.nu))
             with_actuators = _with_actuators(program, mechanism, reading)
-            return replace(attempt, with_actuators=with_actuators, scaled=scaled)
+            other = partial(_with_other_parameters, program, reference, reading, scaled, limit)
+            return replace(
+                attempt, with_actuators=with_actuators, scaled=scaled, with_other_parameters=other
+            )
         return attempt
 
 
@@ -135,7 +142,57 @@ def _attempt(
     source = replace(replay.run.provenance, reading=read.reading, guessed=read.guessed)
     run = replace(replay.run, provenance=source)
     told = (*findings, _of(replay))
-    return Attempt(run, told, _departures(mechanism, replay), occasional=_is_occasional(replay))
+    return Attempt(run, told, _departures(mechanism, replay)[0], occasional=_is_occasional(replay))
+
+
+def _with_other_parameters(
+    program: MjModel,
+    reference: AuditReference,
+    reading: LogReading,
+    scaled: bool,
+    limit: TimeLimit,
+) -> Attempt | None:
+    """The replay by the model with other parameters that reproduces the log; None where none do.
+
+    Where controls may be `scaled` before they act, gears and masses of all bodies tell nothing.
+    """
+    mechanism, own = reference.mechanism, as_run(program)
+    try:
+        run, (ctrl, act), findings = _inputs(own, mechanism, reading)
+        first = replay_mujoco(own, *(x[: SOME_ROWS + 1] for x in (run.t, run.q, run.u, ctrl, act)))
+    except InputError:
+        return None
+    if first.steps * (len(run) - 1) > REPLAYED_STEPS or limit.passed(
+        "other parameters of the model"
+    ):
+        return None
+    late, rows = int(first.late), np.arange(len(run) - 1)
+    prediction = Prediction(run.t, run.q, run.u, ctrl[late:], act, first.steps, rows)
+    missed = np.abs(prediction.errors(own) / prediction.scale).max(axis=1)
+    rows = np.flatnonzero(missed > SMALL_SHARE * missed.max())
+    fit = identified(own, replace(prediction, rows=rows))
+    if fit is None or (scaled and any(p.scales for p in fit.chosen)):
+        return None
+    replay = replay_mujoco(fit.of(own), run.t, run.q, run.u, ctrl, act)
+    if len(replay.departures) and not _is_occasional(replay):
+        return None
+    joules, energy = _departures(mechanism, replace(replay, arrivals=prediction.arrivals(own)))
+    most = float(np.abs(np.cumsum(joules)).max())
+    unseen = all(p.of_logged_forces for p in fit.chosen) and most > reference.tolerance * energy
+    told = Finding(
+        "identified",
+        "MuJoCo reproduces the log with other parameters than the model's: "
+        + "; or ".join(one.changes(own) for one in (fit, *fit.others)),
+        f"steps of the model miss {len(rows)} of {len(missed)} rows, by {most:.3g} J in all at most; with "
+        f"these, they miss them by {percent(fit.left)} of that",
+        "Give the model the values that the simulator used",
+        "cause" if unseen else "note",
+        fit.chosen[0].element,
+    )
+    attempt = _attempt(mechanism, reading, replay, (*findings, told))
+    # What is left of a few rows is the solver's, of contacts that are close to none.
+    kept = tuple(f for f in attempt.findings if f.kind != "replay-departs")
+    return replace(attempt, findings=kept)
 
 
 def _is_occasional(replay: Replay) -> bool:
@@ -145,8 +202,11 @@ def _is_occasional(replay: Replay) -> bool:
     )
 
 
-def _departures(mechanism: Mechanism, replay: Replay) -> Array:
-    """Energy (T,) of each row of a replay beyond that of the state at which the step before arrived, J."""
+def _departures(mechanism: Mechanism, replay: Replay) -> tuple[Array, float]:
+    """Energy (T,) of each row of a replay beyond that of the state at which the step before arrived, J.
+
+    And the energy that the system has.
+    """
     places = replay.steps * np.arange(1, len(replay.t))
     rows = replace(replay.run.take(places), udot=None, forces={}, works={}, integrals={}, events=())
     q, u = replay.arrivals
@@ -157,7 +217,7 @@ def _departures(mechanism: Mechanism, replay: Replay) -> Array:
     energies = [ledger.kinetic + ledger.potential_energy for ledger in ledgers]
     joules = np.zeros(len(replay.run))
     joules[places] = energies[0] - energies[1]
-    return joules
+    return joules, ledgers[0].reference_energy
 
 
 def _unasked(
@@ -271,10 +331,19 @@ def _stepped(
     program: MjModel, mechanism: Mechanism, reading: LogReading, rows: int | None = None
 ) -> tuple[Replay, list[Finding]]:
     """The replay of a log, or of its first rows; InputError where it cannot be stepped."""
+    run, inputs, findings = _inputs(program, mechanism, reading)
+    states = (x[:rows] for x in (run.t, run.q, run.u, *inputs))
+    return replay_mujoco(program, *states), findings
+
+
+def _inputs(
+    program: MjModel, mechanism: Mechanism, reading: LogReading
+) -> tuple[Trajectory, tuple[Array, Array], list[Finding]]:
+    """The log, and its controls and activations; InputError where it cannot be stepped."""
     run, findings = in_model_order(mechanism, reading.trajectory())
     if run.q.shape[1] != program.nq or run.u.shape[1] != program.nv:
         raise LogError("the log's coordinates are not all of MuJoCo's model; log qpos and qvel")
-    inputs = []
+    inputs = list[Array]()
     for names, width, what, arrays in (
         (CONTROLS, program.nu, "controls (ctrl)", _controls(reading, program)),
         (ACTIVATIONS, program.na, "activations (act)", _arrays(reading, ACTIVATIONS, program.na)),
@@ -297,9 +366,8 @@ def _stepped(
             raise LogError(
                 f"row {row} (t = {run.t[row]:.6g} s) of the {what} is not a number; give each row its values"
             )
-        inputs.append(arrays[0][:rows])
-    replay = replay_mujoco(program, run.t[:rows], run.q[:rows], run.u[:rows], *inputs)
-    return replay, findings
+        inputs.append(arrays[0])
+    return run, (inputs[0], inputs[1]), findings
 
 
 def _controls(reading: LogReading, program: MjModel) -> list[Array]:

@@ -148,7 +148,8 @@ def _of_methods(comparison: HypothesisComparison) -> tuple[Share, Array, float]:
         some = slice(0, len(FIELDS))
         C = comparison.series.numbers(comparison.posterior.best)[1][some, some]
         T = log.running(at.power[:, some])
-        beyond = np.hypot(beyond, np.sqrt(np.einsum("ki,ij,kj->k", T, C, T)))
+        variance = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
+        beyond = np.hypot(beyond, np.sqrt(variance))
     return Share(curves[0], np.hypot(spread, beyond)), residual, between
 
 
@@ -197,7 +198,8 @@ def disputed_joules(comparison: HypothesisComparison, scattered: bool) -> Array:
     block, (numbers, covariance) = comparison.blocks[0], comparison.numbers
     c = numbers[first]
     if scattered:
-        error = np.sqrt(np.einsum("ki,ij,kj->k", T, covariance[first, first], T))
+        variance = np.maximum(np.einsum("ki,ij,kj->k", T, covariance[first, first], T), 0.0)
+        error = np.sqrt(variance)
         return np.asarray(np.maximum(np.abs(T @ c) - SIGNIFICANT * error, 0.0))
     p, of_fields = block.projected, comparison.rows.projected
     # Of rows that are several steps apart the numbers are parts of those of the step.
@@ -253,7 +255,8 @@ def attributed(
     of_rows = np.einsum("km,km->k", at.gradient**2, of_ends**2)
     rows = np.sqrt(of_rows + of_rows[0])
     Q = noise.own * max(comparison.excess, 1.0) + noise.doubt
-    unknown = np.einsum("km,kmn,kn->k", at.gradient, Q, at.gradient)
+    # Where an interval adds nothing, rounding may make of it a little less.
+    unknown = np.maximum(np.einsum("km,kmn,kn->k", at.gradient, Q, at.gradient), 0.0)
     rest = log.running(jump) - integrator.curve - equations.curve
     error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * comparison.tau))
     changed = np.where(point.forces.switching, point.forces.logged.change, 0.0) / np.sqrt(12.0)

@@ -1,0 +1,328 @@
+"""Parameters of a MuJoCo model by which it reproduces a log that it misses: system identification.
+
+A step of the simulator is its own prediction, with contacts, limits and servos. What parameters do to it are
+differences of steps; those that leave least of the prediction errors, in the sum of their absolute values,
+are found by Gauss and Newton (Ljung, System Identification, 1999, ch. 7 and 15). That sum is zero only where
+all rows are met, and a few blows do not bend it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import SMALL_SHARE, Array
+from deltac.errors import listed
+from deltac.importers.names import actuator_names, body_names, geom_names, joint_names
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+MOST_STEPS = 40_000
+"""Steps of the simulator by which all parameters are compared: one or two seconds."""
+
+ITERATIONS = 10
+"""Of Gauss and Newton, and of the weights of a sum of absolute values."""
+
+TRIED, MOST = 3, 3
+"""Parameters that leave least to first order, each of which is fitted; most that are changed together."""
+
+ALL_MASSES = "mass and inertia of all bodies"
+
+SEARCHED = (-1.0, -0.5, -0.2, -0.1, 0.1, 0.2, 0.5, 1.0)
+"""Changes of the place of a surface, in units of its `Parameter.size`, at which it may be touched."""
+
+SLIGHT = 1e-4
+"""Change of a parameter for a difference, as a share of its `size`."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of a MuJoCo model, or several that change by the same factor.
+
+    what      of which kind
+    element   of which element; "" for all
+    arrays    the arrays of the model, and the places in them
+    size      a change that matters; 0 for that of a factor
+    """
+
+    what: str
+    element: str
+    arrays: tuple[tuple[str, Any], ...]
+    size: float = 0.0
+
+    @property
+    def of_logged_forces(self) -> bool:
+        """Whether it is of actuators, contacts or dry friction: of no mechanism, but of a log's forces."""
+        return self.arrays[0][0].startswith(("actuator", "geom", "dof_frictionloss"))
+
+    @property
+    def scales(self) -> bool:
+        """Whether it does what a factor of controls does."""
+        return self.arrays[0][0].startswith("actuator") or self.what == ALL_MASSES
+
+    @property
+    def has_constants(self) -> bool:
+        """Whether MuJoCo's compiler derives other numbers from it."""
+        return self.arrays[0][0].startswith(("body", "dof_armature"))
+
+    @property
+    def starts(self) -> tuple[float, ...]:
+        """Changes at which it is looked for: a surface that is not touched has no effect to first order."""
+        return (0.0, *SEARCHED) if self.arrays[0][0] == "geom_pos" else (0.0,)
+
+    def least(self, program: MjModel) -> float:
+        """The least change that may be: none but places and weight are below zero."""
+        if self.size == 0.0:
+            return -np.inf if self.arrays[0][0] == "gravity" else -0.9
+        return -np.inf if self.arrays[0][0].endswith("pos") else -self.value(program) / self.size
+
+    def change(self, program: MjModel, by: float) -> None:
+        """Change it in place: by a number of sizes, or by a share of itself."""
+        for name, place in self.arrays:
+            array = _array(program, name)
+            own = array[place]
+            array[place] = own + by * (self.size or own)
+            # Frames that were one are so no longer.
+            if name == "body_ipos":
+                program.body_sameframe[place[0]] = program.body_simple[place[0]] = 0
+            if name == "geom_pos":
+                program.geom_sameframe[place[0]] = 0
+
+    def value(self, program: MjModel) -> float:
+        """The number of largest size."""
+        name, place = self.arrays[0]
+        numbers = np.ravel(_array(program, name)[place])
+        return float(numbers[np.argmax(np.abs(numbers))])
+
+    def __str__(self) -> str:
+        return f"{self.what} of {self.element!r}" if self.element else self.what
+
+
+def _array(program: MjModel, name: str) -> Any:
+    return program.opt.gravity if name == "gravity" else getattr(program, name)
+
+
+def parameters(program: MjModel) -> Iterator[Parameter]:
+    """Those of bodies, joints, actuators and geoms."""
+    whole: tuple[tuple[str, Any], ...]
+    everything, moving = slice(None), slice(1, None)
+    yield Parameter("gravity", "", (("gravity", everything),))
+    whole = (("body_mass", moving), ("body_inertia", moving))
+    yield Parameter(ALL_MASSES, "", whole)
+    yield Parameter("damping of all joints", "", (("dof_damping", everything),))
+    yield Parameter("friction of all geoms", "", (("geom_friction", (everything, 0)),))
+    yield Parameter("contact time constant of all geoms", "", (("geom_solref", (everything, 0)),))
+    for b, body in enumerate(body_names(program)[1:], start=1):
+        if program.body_mass[b] > 0.0:
+            whole = (("body_mass", b), ("body_inertia", b))
+            yield Parameter("mass and inertia", body, whole)
+            yield Parameter("mass", body, whole[:1])
+            yield Parameter("inertia", body, whole[1:])
+        for k, axis in enumerate("xyz"):
+            if program.body_mass[b] > 0.0:
+                yield Parameter(f"mass centre ({axis})", body, (("body_ipos", (b, k)),), 0.01)
+            yield Parameter(f"place ({axis})", body, (("body_pos", (b, k)),), 0.01)
+    joints, inertia = joint_names(program), float(np.median(program.dof_M0)) if program.nv else 1.0
+    for dof in range(program.nv):
+        joint = joints[program.dof_jntid[dof]]
+        yield Parameter("damping", joint, (("dof_damping", dof),), inertia)
+        yield Parameter("armature", joint, (("dof_armature", dof),), inertia)
+        yield Parameter("dry friction", joint, (("dof_frictionloss", dof),), inertia)
+    for j, joint in enumerate(joints):
+        yield Parameter("stiffness", joint, (("jnt_stiffness", j),), 10.0 * inertia)
+    for a, actuator in enumerate(actuator_names(program)):
+        yield Parameter("gear", actuator, (("actuator_gear", a),))
+        if program.actuator_biasprm[a, 1]:
+            gain = (("actuator_gainprm", (a, 0)), ("actuator_biasprm", (a, 1)))
+            yield Parameter("position gain", actuator, gain)
+        if program.actuator_biasprm[a, 2]:
+            yield Parameter("speed gain", actuator, (("actuator_biasprm", (a, 2)),))
+    for g, geom in enumerate(geom_names(program)):
+        if program.geom_contype[g] or program.geom_conaffinity[g]:
+            if program.geom_size[g, 0] > 0.0:
+                yield Parameter("size", geom, (("geom_size", (g, 0)),))
+            yield Parameter("friction", geom, (("geom_friction", (g, 0)),))
+            for k, axis in enumerate("xyz"):
+                yield Parameter(f"place ({axis})", geom, (("geom_pos", (g, k)),), 0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Rows of a log, and the steps that a model takes from some of them to the next.
+
+    t, q, u     of all rows: (T,), (T, nq), (T, nv)
+    ctrl, act   of the steps from each row (T − 1, nu), (T − 1, na)
+    steps       of the model from row to row
+    rows        those from which it is stepped
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    ctrl: Array
+    act: Array
+    steps: int
+    rows: NDArray[np.intp]
+
+    @property
+    def scale(self) -> Array:
+        """What speeds change by from row to row, typically, and what that moves coordinates by (2 nv,)."""
+        each = np.median(np.abs(np.diff(self.u, axis=0)), axis=0)
+        each = np.maximum(each, SMALL_SHARE * each.max()) + 1e-12
+        return np.concatenate([each * float(np.median(np.diff(self.t))), each])
+
+    def arrivals(self, program: MjModel) -> tuple[Array, Array]:
+        """Q (N, nq) and u (N, nv) that the model arrives at."""
+        import mujoco
+
+        data = mujoco.MjData(program)
+        q, u = self.q[self.rows], self.u[self.rows]
+        for k, place, speed in zip(self.rows, q, u, strict=True):
+            data.time, data.qpos[:], data.qvel[:] = self.t[k], place, speed
+            data.ctrl[:], data.act[:], data.qacc_warmstart[:] = self.ctrl[k], self.act[k], 0.0
+            mujoco.mj_step(program, data, self.steps)
+            place[:], speed[:] = data.qpos, data.qvel
+        return q, u
+
+    def errors(self, program: MjModel) -> Array:
+        """What the rows after these are beyond the states that the model arrives at (N, 2 nv)."""
+        import mujoco
+
+        q, u = self.arrivals(program)
+        errors = np.concatenate([np.zeros_like(u), self.u[self.rows + 1] - u], axis=1)
+        for error, one, other in zip(errors, q, self.q[self.rows + 1], strict=True):
+            mujoco.mj_differentiatePos(program, error[: program.nv], 1.0, one, other)
+        hinges = program.jnt_dofadr[program.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)]
+        turns = 2.0 * np.pi
+        errors[:, hinges] -= turns * np.round(errors[:, hinges] / turns)
+        return np.asarray(errors)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A model with other parameters.
+
+    chosen     the parameters
+    by         by how much each is changed
+    compiled   whether numbers that MuJoCo's compiler derives from them are others, too
+    left       sum of absolute prediction errors, as a share of that without a change
+    others     fits of other parameters that leave next to nothing, too
+    """
+
+    chosen: tuple[Parameter, ...] = ()
+    by: tuple[float, ...] = ()
+    compiled: bool = True
+    left: float = 1.0
+    others: tuple[Fit, ...] = ()
+
+    def changes(self, program: MjModel) -> str:
+        """The parameters with their values, and those of the model, in words."""
+        other = self.of(program)
+        return listed(f"{p}: {p.value(other):.6g}, not {p.value(program):.6g}" for p in self.chosen)
+
+    def of(self, program: MjModel) -> MjModel:
+        """The model with these parameters."""
+        import mujoco
+
+        other = copy.copy(program)
+        for parameter, by in zip(self.chosen, self.by, strict=True):
+            parameter.change(other, by)
+        if self.compiled and any(p.has_constants for p in self.chosen):
+            mujoco.mj_setConst(other, mujoco.MjData(other))
+        return other
+
+
+def identified(program: MjModel, prediction: Prediction) -> Fit | None:
+    """The fewest other parameters that leave next to nothing of the prediction errors; None where none do."""
+    every = list(parameters(program))
+    trials = sum(len(p.starts) for p in every)
+    count = max(2 * MOST, MOST_STEPS // (prediction.steps * trials))
+    places = np.linspace(0, len(prediction.rows) - 1, min(count, len(prediction.rows)))
+    some = replace(prediction, rows=prediction.rows[np.unique(places.astype(np.intp))])
+    scale = some.scale
+
+    def left(fit: Fit) -> Array:
+        return np.nan_to_num((some.errors(fit.of(program)) / scale).ravel(), nan=1e9)
+
+    whole = float(np.abs(left(Fit())).sum())
+
+    def effects(fit: Fit, of: Sequence[int], here: Array) -> Array:
+        """What a unit of some of its changes does to the errors."""
+        ends = (_moved(fit, SLIGHT * (np.arange(len(fit.by)) == k)) for k in of)
+        return np.stack([(left(end) - here) / SLIGHT for end in ends], axis=1)
+
+    def fitted(fit: Fit) -> Fit:
+        here = left(fit)
+        bounds: Array = np.array([p.least(program) for p in fit.chosen])
+        least = float(np.abs(here).sum())
+        for _ in range(ITERATIONS):
+            step = -_least_absolute(effects(fit, range(len(fit.by)), here), here)
+            for part in (1.0, 0.3, 0.1):  # beyond what is nearly linear
+                other = _moved(fit, np.maximum(part * step, bounds - fit.by))
+                there = left(other)
+                if float(np.abs(there).sum()) < least:
+                    break
+            else:
+                break
+            fit, here, least = other, there, float(np.abs(there).sum())
+        return replace(fit, left=least / whole)
+
+    def better(fit: Fit) -> Fit:
+        """The same by other constants of the compiler, if these leave less."""
+        return min(fit, fitted(replace(fit, compiled=not fit.compiled)), key=lambda x: x.left)
+
+    best = Fit()
+    while whole > 0.0 and len(best.chosen) < MOST and best.left > SMALL_SHARE:
+        here, known = left(best), range(len(best.chosen))
+        common = effects(best, known, here) if known else np.zeros((len(here), 0))
+        further = [
+            replace(best, chosen=(*best.chosen, p), by=(*best.by, x))
+            for p in every
+            for x in p.starts
+            if p not in best.chosen
+        ]
+        scores = []
+        for fit in further:
+            if fit.by[-1]:
+                scores.append(float(np.abs(left(fit)).sum()))
+                continue
+            own = np.hstack([common, effects(fit, [len(known)], here)])
+            scores.append(float(np.abs(here - own @ _least_absolute(own, here)).sum()))
+        likely = [fitted(further[k]) for k in np.argsort(scores)[:TRIED].tolist()]
+        # Of those that leave next to nothing, that of a single element.
+        best = min(likely, key=lambda fit: (max(fit.left, SMALL_SHARE), not fit.chosen[-1].element))
+        alike = tuple(fit for fit in likely if fit is not best and fit.left <= SMALL_SHARE)
+        best = replace(best, others=alike)
+        if best.left > SMALL_SHARE and any(p.has_constants for p in best.chosen):
+            best = better(best)
+    for p in best.chosen:  # that another has made superfluous
+        kept = [k for k, x in enumerate(best.chosen) if x != p]
+        fewer = replace(
+            best,
+            others=(),
+            chosen=tuple(best.chosen[k] for k in kept),
+            by=tuple(best.by[k] for k in kept),
+        )
+        if kept and (fewer := fitted(fewer)).left <= SMALL_SHARE:
+            best = fewer
+    return fitted(best) if best.left <= SMALL_SHARE else None
+
+
+def _moved(fit: Fit, step: Array) -> Fit:
+    return replace(fit, by=tuple((np.array(fit.by) + step).tolist()))
+
+
+def _least_absolute(columns: Array, r: Array) -> Array:
+    """The numbers x that make the sum of |r − columns x| least, by weighted least squares."""
+    x, size = np.zeros(columns.shape[1]), np.abs(r).max(initial=0.0)
+    for k in range(ITERATIONS):
+        off = np.abs(r - columns @ x) if k else np.ones_like(r)
+        root = 1.0 / np.sqrt(off + 1e-9 * size + 1e-300)
+        x = np.linalg.lstsq(columns * root[:, None], r * root, rcond=None)[0]
+    return np.asarray(x)

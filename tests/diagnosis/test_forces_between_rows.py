@@ -51,6 +51,10 @@ def semi_implicit_euler(q: float, u: float, torque: float) -> tuple[float, float
     return q + H * u, u
 
 
+def explicit_euler(q: float, u: float, torque: float) -> tuple[float, float]:
+    return q + H * u, u + H * acceleration(q, u, torque)
+
+
 def implicit_damping(q: float, u: float, torque: float) -> tuple[float, float]:
     u += H * acceleration(q, u, torque) / (1.0 + H * DAMPING / INERTIA)
     return q + H * u, u
@@ -960,3 +964,21 @@ def test_no_balance_of_gaps_contradicts_torques_that_change_between_the_rows() -
     audit = dc.audit(MECHANISM, log(x, acted, np.delete(rows, np.arange(300, 310))))
     assert audit.verdict.kind == "consistent" and audit.attribution is not None
     assert audit.attribution.integrator.error < 0.1 * audit.tolerance * audit.reference_energy
+
+
+@pytest.mark.parametrize(("step", "late"), [(explicit_euler, 2), (semi_implicit_euler, 2), (rk4, -1)])
+def test_torques_held_over_rows_that_are_logged_rows_late(step: Step, late: int) -> None:
+    """A stair of another row looks like one that changes between two; only the right one closes."""
+    x, acted = asked_seldom(step, 5)
+    logged = np.roll(acted, late)
+    some = np.arange(abs(late), len(x) - abs(late))
+    audit = dc.audit(MECHANISM, log(x, logged, some))
+    assert audit.verdict.kind != "equation-error" and not audit.causes
+    (told,) = (f for f in audit.findings if f.kind == "late-forces")
+    assert told.factor == pytest.approx(-late * H)
+    assert audit.integrator is not None and audit.attribution is not None
+    assert audit.integrator.names[0].replace("-", "_") == step.__name__
+    first, last = np.round(audit.run.t[[0, -1]] / H).astype(int)
+    joules, share = true_joules(x, acted), audit.attribution.integrator
+    # The works of a stair are those of its steps: nothing is interpolated.
+    assert share.energy == pytest.approx(joules[last] - joules[first], rel=1e-3, abs=1e-9)

@@ -624,6 +624,10 @@ SHARE_OF_SHIFT = 0.1
 """Share of the variance of a log's prediction errors that forces of other rows may leave, to be tried."""
 
 
+TRIED_SHIFTS = 4
+"""Shifts of stairs that are tried by maps of methods: those that leave least of the flow."""
+
+
 def realigned(
     mechanism: Mechanism, run: Trajectory, begun: Unclosed, beside_causes: bool
 ) -> tuple[Trajectory, Finding] | None:
@@ -632,6 +636,15 @@ def realigned(
     Perhaps beside causes, with the finding that says so.
     """
     left = begun.left_by_shifts(beside_causes)
+    if not beside_causes and begun.points and any(begun.points[-1].forces.stairs):
+        # A stair whose steps are of other rows is not told from one that changes between rows by the flow, of
+        # which methods of low order differ by more: their maps decide.
+        for late in sorted(left.keys() - {0}, key=lambda m: left[m])[:TRIED_SHIFTS]:
+            shifted = _shifted(run, late)
+            begun_so = closed(mechanism, shifted)
+            alone = begun_so.alone if isinstance(begun_so, Unclosed) else begun_so
+            if alone is not None and alone.closes:
+                return shifted, _told_late(run, late)
     late = min(left, key=lambda m: left[m], default=0)
     if not late or left[late] > SHARE_OF_SHIFT * left[0]:
         return None

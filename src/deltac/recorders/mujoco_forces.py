@@ -175,6 +175,18 @@ def actuator_forces(model: Model, q: Array, u: Array, ctrl: Array) -> Forces | N
     return {name: np.array([row[name] for row in rows]) for name in names}
 
 
+def constrained(model: Model, q: Array, u: Array) -> Array:
+    """Whether contacts, limits or equalities act at states (T,)."""
+    mujoco = _mujoco()
+    kinds, data = mujoco.mjtConstraint, mujoco.MjData(model)
+    frictions = (kinds.mjCNSTR_FRICTION_DOF, kinds.mjCNSTR_FRICTION_TENDON)
+    acts = np.zeros(len(q), dtype=bool)
+    for k, (data.qpos[:], data.qvel[:]) in enumerate(zip(q, u, strict=True)):
+        mujoco.mj_fwdPosition(model, data)
+        acts[k] = np.isin(data.efc_type, [int(x) for x in frictions], invert=True).any()
+    return acts
+
+
 def of_controls_alone(model: Model) -> bool:
     """Whether the forces of all actuators depend on no state: they are motors on joints."""
     on_joints = np.all(model.actuator_trntype == _mujoco().mjtTrn.mjTRN_JOINT)

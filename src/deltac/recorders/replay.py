@@ -24,6 +24,10 @@ DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
 
 
+STATES_WITHIN_DIGITS = 8
+"""States within the digits of a row that is missed: as far apart as they arrive it may be."""
+
+
 @dataclass(frozen=True, eq=False)
 class Replay:
     """A log that was stepped again.
@@ -31,7 +35,7 @@ class Replay:
     run        every step of the model between the rows, with forces and accelerations
     arrivals   q (T − 1, nq) and u (T − 1, nv) that the model arrives at, from the row before
     missed     (T − 1,) by how much each next row was missed, as a share of what changes from row to row
-    allowed    (T − 1,) how much is allowed, for the digits of the log
+    allowed    (T − 1,) how much is allowed, for the digits of the log, and for what contacts make of them
     t          (T,) times of the rows, s
     steps      steps of the model from row to row
     late       whether the controls of a row are those of the steps that led to it
@@ -114,11 +118,42 @@ def replay_mujoco(
     late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u, turning)
-    digits = DIGITS_ALLOWED * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
+    last = _resolution(q), _resolution(u)
+    digits = DIGITS_ALLOWED * max(last[0] / _change(q), last[1] / _change(u))
+    allowed = np.full(len(missed), ENGINE + digits * steps)
+    for k in np.flatnonzero(missed > allowed):
+        control = ctrl[k + int(late)]
+        others = _near(own, float(t[k]), q[k], u[k], control, act[k], steps, last)
+        apart = [
+            np.abs(x - ends[k][i]).max(initial=0.0) / _change((q, u)[i])
+            for one in others
+            for i, x in enumerate(one)
+        ]
+        allowed[k] = max(allowed[k], 2.0 * max(apart))
     arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
-    return Replay(
-        run, arrivals, missed, np.full(len(missed), ENGINE + digits * steps), t, steps, late
-    )
+    return Replay(run, arrivals, missed, allowed, t, steps, late)
+
+
+def _near(
+    model: Any,
+    t: float,
+    q: Array,
+    u: Array,
+    ctrl: Array,
+    act: Array,
+    steps: int,
+    digits: tuple[float, float],
+) -> list[tuple[Array, Array]]:
+    """Where states arrive that are written as this one is: contacts spread what digits leave open."""
+    mujoco, rng = simulator("mujoco", "mujoco"), np.random.default_rng(0)
+    data, ends = mujoco.MjData(model), list[tuple[Array, Array]]()
+    for _ in range(STATES_WITHIN_DIGITS):
+        data.time, data.ctrl[:], data.act[:], data.qacc_warmstart[:] = t, ctrl, act, 0.0
+        data.qpos[:] = q + digits[0] * rng.uniform(-1.0, 1.0, len(q))
+        data.qvel[:] = u + digits[1] * rng.uniform(-1.0, 1.0, len(u))
+        mujoco.mj_step(model, data, steps)
+        ends.append((data.qpos.copy(), data.qvel.copy()))
+    return ends
 
 
 def _stepped(

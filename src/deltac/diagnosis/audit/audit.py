@@ -522,6 +522,7 @@ def _judged(
             model, reference, log, mapping, required=bool(source.replay), limit=limit
         )
         findings, departures = again.findings, again.departures
+        by_actuators: Judgement | None = None
         if again.with_actuators is not None and source.passive:
             run, laws = again.with_actuators
             judged = _by_laws(reference, run, laws, limit)
@@ -533,10 +534,17 @@ def _judged(
                 departs = (
                     [f for f in findings if f.kind == "replay-departs"] if source.replay else []
                 )
-                return replace(judged, noticed=(*judged.noticed, *map(replayed.as_note, departs)))
-        other = again.with_other_parameters and again.with_other_parameters()
+                noticed = (*judged.noticed, *map(replayed.as_note, departs))
+                by_actuators = replace(judged, noticed=noticed)
+        other = None
+        if again.with_other_parameters and (
+            by_actuators is None or by_actuators.kind == "unresolved"
+        ):
+            other = again.with_other_parameters()
         if other:
             findings, departures = other.findings, None
+        elif by_actuators is not None:
+            return by_actuators
         if (stepped := (other or again).run) is not None:
             log, mapping = stepped, None
     if not source.passive:

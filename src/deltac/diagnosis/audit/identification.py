@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SMALL_SHARE, Array
+from deltac.arrays import SMALL_SHARE, SOME_ROWS, Array
 from deltac.errors import listed
 from deltac.importers.names import actuator_names, body_names, geom_names, joint_names
 
@@ -35,7 +35,14 @@ TRIED, MOST = 3, 3
 ALL_MASSES = "mass and inertia of all bodies"
 
 SEARCHED = (-1.0, -0.5, -0.2, -0.1, 0.1, 0.2, 0.5, 1.0)
-"""Changes of the place of a surface, in units of its `Parameter.size`, at which it may be touched."""
+"""Changes of the place of a surface, in units of its `Parameter.size`, at which it may be touched, and of its
+friction and radius, as shares."""
+
+LEAST = -0.9
+"""Change of what has one sign, as a share of it, beyond which it is not looked for."""
+
+MOST_COUNT = 10
+"""Steps from row to row up to which all numbers of them are tried."""
 
 SLIGHT = 1e-4
 """Change of a parameter for a difference, as a share of its `size`."""
@@ -73,13 +80,15 @@ class Parameter:
 
     @property
     def starts(self) -> tuple[float, ...]:
-        """Changes at which it is looked for: a surface that is not touched has no effect to first order."""
-        return (0.0, *SEARCHED) if self.arrays[0][0] == "geom_pos" else (0.0,)
+        """Changes at which it is looked for: what is not touched, or sticks, has no effect to first order."""
+        if not self.arrays[0][0].startswith("geom"):
+            return (0.0,)
+        return (0.0, *(x for x in SEARCHED if self.size or x > LEAST))
 
     def least(self, program: MjModel) -> float:
         """The least change that may be: none but places and weight are below zero."""
         if self.size == 0.0:
-            return -np.inf if self.arrays[0][0] == "gravity" else -0.9
+            return -np.inf if self.arrays[0][0] == "gravity" else LEAST
         return -np.inf if self.arrays[0][0].endswith("pos") else -self.value(program) / self.size
 
     def change(self, program: MjModel, by: float) -> None:
@@ -236,6 +245,26 @@ class Fit:
         if self.compiled and any(p.has_constants for p in self.chosen):
             mujoco.mj_setConst(other, mujoco.MjData(other))
         return other
+
+
+def stepped_otherwise(program: MjModel, prediction: Prediction) -> MjModel | None:
+    """The model with another integrator, or another step, that meets all rows; None for none."""
+    import mujoco
+
+    places = np.linspace(0, len(prediction.rows) - 1, min(SOME_ROWS, len(prediction.rows)))
+    some = replace(prediction, rows=prediction.rows[np.unique(places.astype(np.intp))])
+    own = np.abs(some.errors(program) / some.scale).sum()
+    for steps in sorted(range(1, 2 * MOST_COUNT), key=lambda n: abs(n - prediction.steps)):
+        if steps > max(MOST_COUNT, prediction.steps):
+            continue
+        for integrator in map(int, mujoco.mjtIntegrator.__members__.values()):
+            other = copy.copy(program)
+            other.opt.integrator = integrator
+            other.opt.timestep = program.opt.timestep * prediction.steps / steps
+            errors = replace(some, steps=steps).errors(other)
+            if np.nan_to_num(np.abs(errors / some.scale), nan=1e9).sum() <= SMALL_SHARE * own:
+                return other
+    return None
 
 
 def identified(program: MjModel, prediction: Prediction) -> Fit | None:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME, SAME_STEP, SMALL_SHARE, SOME_ROWS, Array
+from deltac.arrays import ROUGHLY, SAME, SAME_STEP, SMALL_SHARE, SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
-from deltac.diagnosis.audit.identification import Prediction, identified
+from deltac.diagnosis.audit.identification import Prediction, identified, stepped_otherwise
 from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.inputs.omissions import assumed_zero
@@ -26,7 +26,13 @@ from deltac.laws import q, u
 from deltac.mechanism import Element
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
-from deltac.recorders.mujoco_forces import Forces, actuator_forces, of_controls_alone, solver_name
+from deltac.recorders.mujoco_forces import (
+    Forces,
+    actuator_forces,
+    constrained,
+    of_controls_alone,
+    solver_name,
+)
 from deltac.recorders.mujoco_recorder import as_run, compiled_model
 from deltac.recorders.replay import Replay, replay_mujoco
 from deltac.trajectories import Trajectory
@@ -170,25 +176,39 @@ def _with_other_parameters(
     prediction = Prediction(run.t, run.q, run.u, ctrl[late:], act, first.steps, rows)
     missed = np.abs(prediction.errors(own) / prediction.scale).max(axis=1)
     rows = np.flatnonzero(missed > SMALL_SHARE * missed.max())
-    fit = identified(own, replace(prediction, rows=rows))
-    if fit is None or (scaled and any(p.scales for p in fit.chosen)):
-        return None
-    replay = replay_mujoco(fit.of(own), run.t, run.q, run.u, ctrl, act)
+    some = replace(prediction, rows=rows)
+    if (again := stepped_otherwise(own, some)) is not None:
+        replay = replay_mujoco(again, run.t, run.q, run.u, ctrl, act)
+        told = Finding(
+            "identified",
+            "MuJoCo reproduces the log with another step or integrator than the model's: "
+            f"{solver_name(again)} of {again.opt.timestep:.6g} s, not {solver_name(own)} of "
+            f"{own.opt.timestep:.6g} s",
+            f"steps of the model miss {len(rows)} of {len(missed)} rows",
+            "It is judged as it was run; give the model these options to run it so",
+            "note",
+        )
+    else:
+        fit = identified(own, some)
+        if fit is None or (scaled and any(p.scales for p in fit.chosen)):
+            return None
+        replay = replay_mujoco(fit.of(own), run.t, run.q, run.u, ctrl, act)
+        arrivals = prediction.arrivals(own)
+        joules, energy = _departures(mechanism, replace(replay, arrivals=arrivals))
+        most = float(np.abs(np.cumsum(joules)).max())
+        unseen = all(p.of_logged_forces for p in fit.chosen)
+        told = Finding(
+            "identified",
+            "MuJoCo reproduces the log with other parameters than the model's: "
+            + "; or ".join(one.changes(own) for one in (fit, *fit.others)),
+            f"steps of the model miss {len(rows)} of {len(missed)} rows, by {most:.3g} J in all at most; "
+            f"with these, they miss them by {percent(fit.left)} of that",
+            "Give the model the values that the simulator used",
+            "cause" if unseen and most > reference.tolerance * energy else "note",
+            fit.chosen[0].element,
+        )
     if len(replay.departures) and not _is_occasional(replay):
         return None
-    joules, energy = _departures(mechanism, replace(replay, arrivals=prediction.arrivals(own)))
-    most = float(np.abs(np.cumsum(joules)).max())
-    unseen = all(p.of_logged_forces for p in fit.chosen) and most > reference.tolerance * energy
-    told = Finding(
-        "identified",
-        "MuJoCo reproduces the log with other parameters than the model's: "
-        + "; or ".join(one.changes(own) for one in (fit, *fit.others)),
-        f"steps of the model miss {len(rows)} of {len(missed)} rows, by {most:.3g} J in all at most; with "
-        f"these, they miss them by {percent(fit.left)} of that",
-        "Give the model the values that the simulator used",
-        "cause" if unseen else "note",
-        fit.chosen[0].element,
-    )
     attempt = _attempt(mechanism, reading, replay, (*findings, told))
     # What is left of a few rows is the solver's, of contacts that are close to none.
     kept = tuple(f for f in attempt.findings if f.kind != "replay-departs")
@@ -279,6 +299,8 @@ def _with_actuators(
         return None
     if not np.isfinite(controls[0]).all():
         return None
+    if np.mean(constrained(program, run.q, run.u)) > ROUGHLY:
+        return None  # whose forces no row tells
     forces = actuator_forces(program, run.q, run.u, controls[0])
     if forces is None:
         return None

@@ -218,6 +218,8 @@ class Judgement:
         inference = self.inference
         if inference is None or not inference.intermittent[0] > CERTAIN:
             return False
+        if any(f.kind == "replayed" for f in self.noticed):
+            return False  # the model's own steps arrive at all rows, within their digits
         active = inference.intermittent[1]
         joules = np.abs(inference.gradient * inference.residual)[active].sum() * inference.whole
         return bool(joules > self.allowed_flow)

@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 
 from deltac.arrays import SMALL_SHARE, SOME_ROWS, Array
 from deltac.errors import listed
-from deltac.importers.names import actuator_names, body_names, geom_names, joint_names
+from deltac.importers.names import (
+    actuator_names,
+    body_names,
+    geom_names,
+    joint_names,
+    tendon_names,
+)
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -32,9 +38,25 @@ ITERATIONS = 10
 TRIED, MOST = 3, 3
 """Parameters that leave least to first order, each of which is fitted; most that are changed together."""
 
+OPTIONS = ("gravity", "viscosity", "density")
+"""Parameters that are options of the model."""
+
+NOT_READ = (
+    "actuator",
+    "geom",
+    "dof_frictionloss",
+    "jnt_range",
+    "tendon_range",
+    "viscosity",
+    "density",
+)
+"""Beginnings of the names of arrays that no mechanism has: a log has their forces."""
+
+AXIS = "axis"
+
 ALL_MASSES = "mass and inertia of all bodies"
 
-SEARCHED = (-1.0, -0.5, -0.2, -0.1, 0.1, 0.2, 0.5, 1.0)
+SEARCHED = (-0.6, -0.2, 0.2, 0.6)
 """Changes of the place of a surface, in units of its `Parameter.size`, at which it may be touched, and of its
 friction and radius, as shares."""
 
@@ -65,8 +87,8 @@ class Parameter:
 
     @property
     def of_logged_forces(self) -> bool:
-        """Whether it is of actuators, contacts or dry friction: of no mechanism, but of a log's forces."""
-        return self.arrays[0][0].startswith(("actuator", "geom", "dof_frictionloss"))
+        """Whether it is of actuators, contacts, limits, …: of no mechanism, but of a log's forces."""
+        return self.arrays[0][0].startswith(NOT_READ)
 
     @property
     def scales(self) -> bool:
@@ -81,22 +103,26 @@ class Parameter:
     @property
     def starts(self) -> tuple[float, ...]:
         """Changes at which it is looked for: what is not touched, or sticks, has no effect to first order."""
-        if not self.arrays[0][0].startswith("geom"):
-            return (0.0,)
-        return (0.0, *(x for x in SEARCHED if self.size or x > LEAST))
+        if self.what == AXIS:
+            return (-2.0,)
+        searched = self.arrays[0][0].startswith("geom") or self.arrays[0][0].endswith("range")
+        return (0.0, *SEARCHED) if searched else (0.0,)
 
     def least(self, program: MjModel) -> float:
         """The least change that may be: none but places and weight are below zero."""
-        if self.size == 0.0:
-            return -np.inf if self.arrays[0][0] == "gravity" else LEAST
-        return -np.inf if self.arrays[0][0].endswith("pos") else -self.value(program) / self.size
+        if self.arrays[0][0].endswith(("pos", "range", "gravity", "axis")):
+            return -np.inf
+        return -self.value(program) / self.size if self.size else LEAST
 
     def change(self, program: MjModel, by: float) -> None:
         """Change it in place: by a number of sizes, or by a share of itself."""
         for name, place in self.arrays:
-            array = _array(program, name)
-            own = array[place]
-            array[place] = own + by * (self.size or own)
+            if name in OPTIONS:
+                own = getattr(program.opt, name)
+                setattr(program.opt, name, own + by * (self.size or own))
+                continue
+            array = getattr(program, name)
+            array[place] = array[place] + by * (self.size or array[place])
             # Frames that were one are so no longer.
             if name == "body_ipos":
                 program.body_sameframe[place[0]] = program.body_simple[place[0]] = 0
@@ -106,24 +132,25 @@ class Parameter:
     def value(self, program: MjModel) -> float:
         """The number of largest size."""
         name, place = self.arrays[0]
-        numbers = np.ravel(_array(program, name)[place])
+        numbers = np.ravel(
+            getattr(program.opt, name) if name in OPTIONS else getattr(program, name)[place]
+        )
         return float(numbers[np.argmax(np.abs(numbers))])
 
     def __str__(self) -> str:
         return f"{self.what} of {self.element!r}" if self.element else self.what
 
 
-def _array(program: MjModel, name: str) -> Any:
-    return program.opt.gravity if name == "gravity" else getattr(program, name)
-
-
 def parameters(program: MjModel) -> Iterator[Parameter]:
     """Those of bodies, joints, actuators and geoms."""
     whole: tuple[tuple[str, Any], ...]
+    gain: tuple[tuple[str, Any], ...]
     everything, moving = slice(None), slice(1, None)
-    yield Parameter("gravity", "", (("gravity", everything),))
+    yield Parameter("gravity", "", (("gravity", ()),))
     whole = (("body_mass", moving), ("body_inertia", moving))
     yield Parameter(ALL_MASSES, "", whole)
+    yield Parameter("viscosity", "", (("viscosity", ()),), 1e-2)
+    yield Parameter("density of the medium", "", (("density", ()),), 10.0)
     yield Parameter("damping of all joints", "", (("dof_damping", everything),))
     yield Parameter("friction of all geoms", "", (("geom_friction", (everything, 0)),))
     yield Parameter("contact time constant of all geoms", "", (("geom_solref", (everything, 0)),))
@@ -145,13 +172,25 @@ def parameters(program: MjModel) -> Iterator[Parameter]:
         yield Parameter("dry friction", joint, (("dof_frictionloss", dof),), inertia)
     for j, joint in enumerate(joints):
         yield Parameter("stiffness", joint, (("jnt_stiffness", j),), 10.0 * inertia)
+        yield Parameter(AXIS, joint, (("jnt_axis", j),))
+        if program.jnt_limited[j]:
+            for k, end in enumerate(("lower", "upper")):
+                yield Parameter(f"{end} limit", joint, (("jnt_range", (j, k)),), 0.1)
+    for k, tendon in enumerate(tendon_names(program)):
+        yield Parameter("stiffness", tendon, (("tendon_stiffness", k),))
+        yield Parameter("damping", tendon, (("tendon_damping", k),))
+        if program.tendon_limited[k]:
+            yield Parameter("upper limit", tendon, (("tendon_range", (k, 1)),), 0.1)
     for a, actuator in enumerate(actuator_names(program)):
         yield Parameter("gear", actuator, (("actuator_gear", a),))
-        if program.actuator_biasprm[a, 1]:
+        _, position, speed = program.actuator_biasprm[a, :3]
+        if position:
             gain = (("actuator_gainprm", (a, 0)), ("actuator_biasprm", (a, 1)))
             yield Parameter("position gain", actuator, gain)
-        if program.actuator_biasprm[a, 2]:
-            yield Parameter("speed gain", actuator, (("actuator_biasprm", (a, 2)),))
+        if speed:  # of a velocity servo, what is commanded has the same gain
+            own = (("actuator_biasprm", (a, 2)),)
+            gain = own if position else (("actuator_gainprm", (a, 0)), *own)
+            yield Parameter("speed gain", actuator, gain)
     for g, geom in enumerate(geom_names(program)):
         if program.geom_contype[g] or program.geom_conaffinity[g]:
             if program.geom_size[g, 0] > 0.0:

@@ -96,7 +96,7 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
     _try_apart(path)
     try:
-        with _quiet(mujoco), more_memory(free_memory() or 2**62) if INSIDE else nullcontext():
+        with quiet(mujoco), more_memory(free_memory() or 2**62) if INSIDE else nullcontext():
             return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
     except MemoryError:
         raise ModelError(f"model file {path.name!r} does not fit into memory") from None
@@ -115,7 +115,7 @@ def _urdf(mujoco: Any, path: Path, base: str) -> tuple[Any, list[Remark], Urdf |
     refused = ""
     for shapes, placeholders in ((True, False), (True, True), (False, False), (False, True)):
         try:
-            with _quiet(mujoco):
+            with quiet(mujoco):
                 spec = _tree(mujoco, urdf, placeholders and bool(urdf.links), shapes, path, base)
                 model = spec.compile()
             break
@@ -229,7 +229,7 @@ def _tree(mujoco: Any, urdf: Urdf, placeholders: bool, shapes: bool, path: Path,
 
 
 @contextmanager
-def _quiet(mujoco: Any) -> Iterator[None]:
+def quiet(mujoco: Any) -> Iterator[None]:
     """Without MuJoCo's remarks on standard output, and in a file MUJOCO_LOG.TXT where the program runs."""
     if not hasattr(mujoco, "MjLogConfig"):  # of older versions
         yield

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import SMALL_SHARE, SOME_ROWS, Array
 from deltac.errors import listed
+from deltac.importers.mujoco import quiet
 from deltac.importers.names import (
     actuator_names,
     body_names,
@@ -226,16 +227,17 @@ class Prediction:
         return np.concatenate([each * float(np.median(np.diff(self.t))), each])
 
     def arrivals(self, program: MjModel) -> tuple[Array, Array]:
-        """Q (N, nq) and u (N, nv) that the model arrives at."""
+        """States (N, nq) and (N, nv) that the model arrives at."""
         import mujoco
 
         data = mujoco.MjData(program)
         q, u = self.q[self.rows], self.u[self.rows]
-        for k, place, speed in zip(self.rows, q, u, strict=True):
-            data.time, data.qpos[:], data.qvel[:] = self.t[k], place, speed
-            data.ctrl[:], data.act[:], data.qacc_warmstart[:] = self.ctrl[k], self.act[k], 0.0
-            mujoco.mj_step(program, data, self.steps)
-            place[:], speed[:] = data.qpos, data.qvel
+        with quiet(mujoco):  # parameters that are tried may be wild
+            for k, place, speed in zip(self.rows, q, u, strict=True):
+                data.time, data.qpos[:], data.qvel[:] = self.t[k], place, speed
+                data.ctrl[:], data.act[:], data.qacc_warmstart[:] = self.ctrl[k], self.act[k], 0.0
+                mujoco.mj_step(program, data, self.steps)
+                place[:], speed[:] = data.qpos, data.qvel
         return q, u
 
     def errors(self, program: MjModel) -> Array:
@@ -293,9 +295,8 @@ def stepped_otherwise(program: MjModel, prediction: Prediction) -> MjModel | Non
     places = np.linspace(0, len(prediction.rows) - 1, min(SOME_ROWS, len(prediction.rows)))
     some = replace(prediction, rows=prediction.rows[np.unique(places.astype(np.intp))])
     own = np.abs(some.errors(program) / some.scale).sum()
-    for steps in sorted(range(1, 2 * MOST_COUNT), key=lambda n: abs(n - prediction.steps)):
-        if steps > max(MOST_COUNT, prediction.steps):
-            continue
+    counts = range(1, max(MOST_COUNT, prediction.steps) + 1)
+    for steps in sorted(counts, key=lambda n: abs(n - prediction.steps)):
         for integrator in map(int, mujoco.mjtIntegrator.__members__.values()):
             other = copy.copy(program)
             other.opt.integrator = integrator
@@ -308,6 +309,8 @@ def stepped_otherwise(program: MjModel, prediction: Prediction) -> MjModel | Non
 
 def identified(program: MjModel, prediction: Prediction) -> Fit | None:
     """The fewest other parameters that leave next to nothing of the prediction errors; None where none do."""
+    import mujoco
+
     every = list(parameters(program))
     trials = sum(len(p.starts) for p in every)
     count = max(2 * MOST, MOST_STEPS // (prediction.steps * trials))
@@ -316,7 +319,11 @@ def identified(program: MjModel, prediction: Prediction) -> Fit | None:
     scale = some.scale
 
     def left(fit: Fit) -> Array:
-        return np.nan_to_num((some.errors(fit.of(program)) / scale).ravel(), nan=1e9)
+        try:
+            errors = some.errors(fit.of(program)) / scale
+        except mujoco.FatalError:  # no model has such parameters
+            errors = np.full((len(some.rows), len(scale)), np.nan)
+        return np.nan_to_num(errors.ravel(), nan=1e9)
 
     whole = float(np.abs(left(Fit())).sum())
 

@@ -175,7 +175,11 @@ def _with_other_parameters(
     late, rows = int(first.late), np.arange(len(run) - 1)
     prediction = Prediction(run.t, run.q, run.u, ctrl[late:], act, first.steps, rows)
     missed = np.abs(prediction.errors(own) / prediction.scale).max(axis=1)
+    if not np.isfinite(missed).all():
+        return None  # the model leaves all bounds within a step
     rows = np.flatnonzero(missed > SMALL_SHARE * missed.max())
+    if not len(rows):
+        return None
     some = replace(prediction, rows=rows)
     if (again := stepped_otherwise(own, some)) is not None:
         replay = replay_mujoco(again, run.t, run.q, run.u, ctrl, act)

@@ -966,7 +966,9 @@ def test_no_balance_of_gaps_contradicts_torques_that_change_between_the_rows() -
     assert audit.attribution.integrator.error < 0.1 * audit.tolerance * audit.reference_energy
 
 
-@pytest.mark.parametrize(("step", "late"), [(explicit_euler, 2), (semi_implicit_euler, 2), (rk4, -1)])
+@pytest.mark.parametrize(
+    ("step", "late"), [(explicit_euler, 2), (semi_implicit_euler, 2), (rk4, -1)]
+)
 def test_torques_held_over_rows_that_are_logged_rows_late(step: Step, late: int) -> None:
     """A stair of another row looks like one that changes between two; only the right one closes."""
     x, acted = asked_seldom(step, 5)

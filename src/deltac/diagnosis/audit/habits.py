@@ -40,6 +40,7 @@ from deltac.diagnosis.inference.integrators import (
     maps,
     transition,
 )
+from deltac.diagnosis.inference.interpolation import MOST_LATE
 from deltac.diagnosis.inference.linearisation import (
     COLUMNS_OF_THE_LOG,
     NO_MOTION,
@@ -624,10 +625,6 @@ SHARE_OF_SHIFT = 0.1
 """Share of the variance of a log's prediction errors that forces of other rows may leave, to be tried."""
 
 
-TRIED_SHIFTS = 4
-"""Shifts of stairs that are tried by maps of methods: those that leave least of the flow."""
-
-
 def realigned(
     mechanism: Mechanism, run: Trajectory, begun: Unclosed, beside_causes: bool
 ) -> tuple[Trajectory, Finding] | None:
@@ -639,7 +636,7 @@ def realigned(
     if not beside_causes and begun.points and any(begun.points[-1].forces.stairs):
         # A stair whose steps are of other rows is not told from one that changes between rows by the flow, of
         # which methods of low order differ by more: their maps decide.
-        for late in sorted(left.keys() - {0}, key=lambda m: left[m])[:TRIED_SHIFTS]:
+        for late in sorted(left.keys() - {0}, key=lambda m: left[m])[:MOST_LATE]:
             shifted = _shifted(run, late)
             begun_so = closed(mechanism, shifted)
             alone = begun_so.alone if isinstance(begun_so, Unclosed) else begun_so

@@ -30,14 +30,11 @@ from deltac.importers.names import (
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-MOST_STEPS = 40_000
-"""Steps of the simulator by which all parameters are compared: one or two seconds."""
-
 ITERATIONS = 10
-"""Of Gauss and Newton, and of the weights of a sum of absolute values."""
+"""Of Gauss and Newton, and of weights of a sum of absolute values; steps from row to row that are tried."""
 
-TRIED, MOST = 3, 3
-"""Parameters that leave least to first order, each of which is fitted; most that are changed together."""
+MOST = 3
+"""Parameters that are changed together; of those that leave least to first order, as many are fitted."""
 
 OPTIONS = ("gravity", "viscosity", "density")
 """Parameters that are options of the model."""
@@ -60,15 +57,6 @@ ALL_MASSES = "mass and inertia of all bodies"
 SEARCHED = (-0.6, -0.2, 0.2, 0.6)
 """Changes of the place of a surface, in units of its `Parameter.size`, at which it may be touched, and of its
 friction and radius, as shares."""
-
-LEAST = -0.9
-"""Change of what has one sign, as a share of it, beyond which it is not looked for."""
-
-MOST_COUNT = 10
-"""Steps from row to row up to which all numbers of them are tried."""
-
-SLIGHT = 1e-4
-"""Change of a parameter for a difference, as a share of its `size`."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +101,7 @@ class Parameter:
         """The least change that may be: none but places and weight are below zero."""
         if self.arrays[0][0].endswith(("pos", "range", "gravity", "axis")):
             return -np.inf
-        return -self.value(program) / self.size if self.size else LEAST
+        return -self.value(program) / self.size if self.size else SMALL_SHARE - 1.0
 
     def change(self, program: MjModel, by: float) -> None:
         """Change it in place: by a number of sizes, or by a share of itself."""
@@ -295,7 +283,7 @@ def stepped_otherwise(program: MjModel, prediction: Prediction) -> MjModel | Non
     places = np.linspace(0, len(prediction.rows) - 1, min(SOME_ROWS, len(prediction.rows)))
     some = replace(prediction, rows=prediction.rows[np.unique(places.astype(np.intp))])
     own = np.abs(some.errors(program) / some.scale).sum()
-    counts = range(1, max(MOST_COUNT, prediction.steps) + 1)
+    counts = range(1, max(ITERATIONS, prediction.steps) + 1)
     for steps in sorted(counts, key=lambda n: abs(n - prediction.steps)):
         for integrator in map(int, mujoco.mjtIntegrator.__members__.values()):
             other = copy.copy(program)
@@ -307,13 +295,16 @@ def stepped_otherwise(program: MjModel, prediction: Prediction) -> MjModel | Non
     return None
 
 
-def identified(program: MjModel, prediction: Prediction) -> Fit | None:
-    """The fewest other parameters that leave next to nothing of the prediction errors; None where none do."""
+def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | None:
+    """The fewest other parameters that leave next to nothing of the prediction errors; None where none do.
+
+    All are compared by some `most` steps of the simulator.
+    """
     import mujoco
 
     every = list(parameters(program))
     trials = sum(len(p.starts) for p in every)
-    count = max(2 * MOST, MOST_STEPS // (prediction.steps * trials))
+    count = max(2 * MOST, most // (prediction.steps * trials))
     places = np.linspace(0, len(prediction.rows) - 1, min(count, len(prediction.rows)))
     some = replace(prediction, rows=prediction.rows[np.unique(places.astype(np.intp))])
     scale = some.scale
@@ -329,8 +320,8 @@ def identified(program: MjModel, prediction: Prediction) -> Fit | None:
 
     def effects(fit: Fit, of: Sequence[int], here: Array) -> Array:
         """What a unit of some of its changes does to the errors."""
-        ends = (_moved(fit, SLIGHT * (np.arange(len(fit.by)) == k)) for k in of)
-        return np.stack([(left(end) - here) / SLIGHT for end in ends], axis=1)
+        ends = (_moved(fit, SMALL_SHARE * (np.arange(len(fit.by)) == k)) for k in of)
+        return np.stack([(left(end) - here) / SMALL_SHARE for end in ends], axis=1)
 
     def fitted(fit: Fit) -> Fit:
         here = left(fit)
@@ -369,7 +360,7 @@ def identified(program: MjModel, prediction: Prediction) -> Fit | None:
                 continue
             own = np.hstack([common, effects(fit, [len(known)], here)])
             scores.append(float(np.abs(here - own @ _least_absolute(own, here)).sum()))
-        likely = [fitted(further[k]) for k in np.argsort(scores)[:TRIED].tolist()]
+        likely = [fitted(further[k]) for k in np.argsort(scores)[:MOST].tolist()]
         # Of those that leave next to nothing, that of a single element.
         best = min(likely, key=lambda fit: (max(fit.left, SMALL_SHARE), not fit.chosen[-1].element))
         alike = tuple(fit for fit in likely if fit is not best and fit.left <= SMALL_SHARE)

@@ -193,7 +193,7 @@ def _with_other_parameters(
             "note",
         )
     else:
-        fit = identified(own, some)
+        fit = identified(own, some, REPLAYED_STEPS)
         if fit is None or (scaled and any(p.scales for p in fit.chosen)):
             return None
         replay = replay_mujoco(fit.of(own), run.t, run.q, run.u, ctrl, act)

@@ -126,3 +126,13 @@ def test_contacts_spread_what_the_digits_of_rows_leave_open(decimals: int) -> No
     found = dc.audit(hopper(), rounded | {"time": log["time"], "ctrl": log["ctrl"]})
     assert finding_code("replayed") in codes(found)
     assert found.verdict.kind != "equation-error"
+
+
+def test_rows_of_five_decimals_identify_to_their_digits() -> None:
+    """What the digits leave of the rows is more than a thousandth of what the mistake does."""
+    log = hops(hopper())
+    rounded = {name: np.round(log[name], 5) for name in ("qpos", "qvel")}
+    found = dc.audit(hopper(trunk=2.85), log | rounded)
+    assert finding_code("identified") in codes(found)
+    (told,) = (f for f in found.verdict.findings if f.kind == "identified")
+    assert told.element == "trunk"

@@ -118,7 +118,7 @@ def replay_mujoco(
     late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u, turning)
-    last = _resolution(q), _resolution(u)
+    last = resolution(q), resolution(u)
     digits = DIGITS_ALLOWED * max(last[0] / _change(q), last[1] / _change(u))
     allowed = np.full(len(missed), ENGINE + digits * steps)
     for k in np.flatnonzero(missed > allowed):
@@ -199,7 +199,7 @@ def _change(values: Array) -> float:
     return max(float(np.median(change)), 1e-6 * max_norm(values), 1e-12)
 
 
-def _resolution(values: Array) -> float:
+def resolution(values: Array) -> float:
     """The unit in the last digit that was written."""
     largest = max_norm(values)
     if np.array_equal(values, values.astype(np.float32)):

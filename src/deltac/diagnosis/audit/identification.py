@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SMALL_SHARE, SOME_ROWS, Array
+from deltac.arrays import ROUGHLY, SMALL_SHARE, SOME_ROWS, Array
 from deltac.errors import listed
 from deltac.importers.mujoco import quiet
 from deltac.importers.names import (
@@ -26,6 +26,7 @@ from deltac.importers.names import (
     joint_names,
     tendon_names,
 )
+from deltac.recorders.replay import resolution
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -214,6 +215,12 @@ class Prediction:
         each = np.maximum(each, SMALL_SHARE * each.max()) + 1e-12
         return np.concatenate([each * float(np.median(np.diff(self.t))), each])
 
+    def within_digits(self) -> Prediction:
+        """The same with other states within the last digits of the rows."""
+        rng = np.random.default_rng(0)
+        q, u = (x + resolution(x) * rng.uniform(-1.0, 1.0, x.shape) for x in (self.q, self.u))
+        return replace(self, q=q, u=u)
+
     def arrivals(self, program: MjModel) -> tuple[Array, Array]:
         """States (N, nq) and (N, nv) that the model arrives at."""
         import mujoco
@@ -316,7 +323,11 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
             errors = np.full((len(some.rows), len(scale)), np.nan)
         return np.nan_to_num(errors.ravel(), nan=1e9)
 
-    whole = float(np.abs(left(Fit())).sum())
+    here = left(Fit())
+    whole = float(np.abs(here).sum())
+    # What states that are written alike do otherwise is left by the right parameters, too.
+    apart = (some.within_digits().errors(program) / scale).ravel() - here
+    enough = np.clip(2.0 * np.abs(apart).sum() / (whole + 1e-300), SMALL_SHARE, ROUGHLY)
 
     def effects(fit: Fit, of: Sequence[int], here: Array) -> Array:
         """What a unit of some of its changes does to the errors."""
@@ -344,7 +355,7 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
         return min(fit, fitted(replace(fit, compiled=not fit.compiled)), key=lambda x: x.left)
 
     best = Fit()
-    while whole > 0.0 and len(best.chosen) < MOST and best.left > SMALL_SHARE:
+    while whole > 0.0 and len(best.chosen) < MOST and best.left > enough:
         here, known = left(best), range(len(best.chosen))
         common = effects(best, known, here) if known else np.zeros((len(here), 0))
         further = [
@@ -362,10 +373,10 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
             scores.append(float(np.abs(here - own @ _least_absolute(own, here)).sum()))
         likely = [fitted(further[k]) for k in np.argsort(scores)[:MOST].tolist()]
         # Of those that leave next to nothing, that of a single element.
-        best = min(likely, key=lambda fit: (max(fit.left, SMALL_SHARE), not fit.chosen[-1].element))
-        alike = tuple(fit for fit in likely if fit is not best and fit.left <= SMALL_SHARE)
+        best = min(likely, key=lambda fit: (max(fit.left, enough), not fit.chosen[-1].element))
+        alike = tuple(fit for fit in likely if fit is not best and fit.left <= enough)
         best = replace(best, others=alike)
-        if best.left > SMALL_SHARE and any(p.has_constants for p in best.chosen):
+        if best.left > enough and any(p.has_constants for p in best.chosen):
             best = better(best)
     for p in best.chosen:  # that another has made superfluous
         kept = [k for k, x in enumerate(best.chosen) if x != p]
@@ -375,9 +386,9 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
             chosen=tuple(best.chosen[k] for k in kept),
             by=tuple(best.by[k] for k in kept),
         )
-        if kept and (fewer := fitted(fewer)).left <= SMALL_SHARE:
+        if kept and (fewer := fitted(fewer)).left <= enough:
             best = fewer
-    return fitted(best) if best.left <= SMALL_SHARE else None
+    return fitted(best) if best.left <= enough else None
 
 
 def _moved(fit: Fit, step: Array) -> Fit:

@@ -541,7 +541,12 @@ def _judged(
             by_actuators is None or by_actuators.kind == "unresolved"
         ):
             other = again.with_other_parameters()
-        if other:
+        if (
+            other and source.replay
+        ):  # asked for are the model's own steps, and the joules by which they miss
+            findings = (*findings, *(f for f in other.findings if f.kind == "identified"))
+            other = None
+        elif other:
             findings, departures = other.findings, None
         elif by_actuators is not None:
             return by_actuators

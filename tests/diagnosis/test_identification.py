@@ -56,6 +56,23 @@ def test_a_wrong_mass_is_named_between_contacts_and_limits(integrator: str) -> N
     (cause,) = found.causes
     assert cause.kind in ("body-inertia", "body-mass") and cause.element == "trunk"
     assert cause.size == pytest.approx(3.0 / 2.85, abs=1e-4)
+    # By the same forces, ΔC of two models differs by the energy of the mass that one of them lacks.
+    right = dc.audit(hopper(integrator), hops(hopper(integrator)))
+    lacking = energy(hopper(), found.run) - energy(hopper(trunk=2.85), found.run)
+    assert found.attribution is not None and right.attribution is not None
+    told = found.attribution.equations.energy + found.attribution.integrator.energy
+    beyond = told - right.attribution.integrator.energy
+    assert beyond == pytest.approx(lacking[0] - lacking[-1], rel=1e-9)
+
+
+def energy(model: Any, run: dc.Trajectory) -> Any:
+    """MuJoCo's own K + V (T,) of the rows of a run, J."""
+    data, joules = mujoco.MjData(model), []
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for data.qpos[:], data.qvel[:] in zip(run.q, run.u, strict=True):
+        mujoco.mj_forward(model, data)
+        joules.append(data.energy.sum())
+    return np.array(joules)
 
 
 @pytest.mark.parametrize(

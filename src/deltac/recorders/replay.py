@@ -8,14 +8,15 @@ model, or something else acted.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import LONG_LOG, SAME_STEP, SOME_ROWS, Array, max_norm
+from deltac.arrays import LONG_LOG, SAME_STEP, SMALL_SHARE, SOME_ROWS, Array, max_norm
 from deltac.errors import LogError
+from deltac.importers.mujoco import quiet
 from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, as_run, compiled_model
 from deltac.recorders.recorder import ENGINE, simulator
 from deltac.trajectories import Trajectory
@@ -23,9 +24,8 @@ from deltac.trajectories import Trajectory
 DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
 
-
 STATES_WITHIN_DIGITS = 8
-"""States within the digits of a row that is missed: as far apart as they arrive it may be."""
+"""States within the digits of a missed row that are stepped: a miss within their spread does not count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +53,63 @@ class Replay:
     def departures(self) -> NDArray[np.intp]:
         """Places of the rows that the model does not arrive at."""
         return np.flatnonzero(self.missed > self.allowed) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Rows of a log, and the steps that a model takes from some of them to the next.
+
+    t, q, u     of all rows: (T,), (T, nq), (T, nv)
+    ctrl, act   of the steps from each row (T − 1, nu), (T − 1, na)
+    steps       of the model from row to row
+    rows        those from which it is stepped
+    """
+
+    t: Array
+    q: Array
+    u: Array
+    ctrl: Array
+    act: Array
+    steps: int
+    rows: NDArray[np.intp]
+
+    @property
+    def scale(self) -> Array:
+        """What speeds change by from row to row, typically, and what that moves coordinates by (2 nv,)."""
+        each = np.median(np.abs(np.diff(self.u, axis=0)), axis=0)
+        each = np.maximum(each, SMALL_SHARE * each.max()) + 1e-12
+        return np.concatenate([each * float(np.median(np.diff(self.t))), each])
+
+    def within_digits(self, seed: int = 0) -> Prediction:
+        """The same with other states within the last digits of the rows."""
+        rng = np.random.default_rng(seed)
+        q, u = (x + _resolution(x) * rng.uniform(-1.0, 1.0, x.shape) for x in (self.q, self.u))
+        return replace(self, q=q, u=u)
+
+    def arrivals(self, model: Any) -> tuple[Array, Array]:
+        """States (N, nq) and (N, nv) that the model arrives at."""
+        mujoco = simulator("mujoco", "mujoco")
+        data = mujoco.MjData(model)
+        q, u = self.q[self.rows], self.u[self.rows]
+        with quiet(mujoco):  # the model may have parameters that are only tried
+            for k, place, speed in zip(self.rows, q, u, strict=True):
+                data.time, data.qpos[:], data.qvel[:] = self.t[k], place, speed
+                data.ctrl[:], data.act[:], data.qacc_warmstart[:] = self.ctrl[k], self.act[k], 0.0
+                mujoco.mj_step(model, data, self.steps)
+                place[:], speed[:] = data.qpos, data.qvel
+        return q, u
+
+    def errors(self, model: Any) -> Array:
+        """What the rows after these are beyond the states that the model arrives at (N, 2 nv)."""
+        mujoco = simulator("mujoco", "mujoco")
+        q, u = self.arrivals(model)
+        errors = np.concatenate([np.zeros_like(u), self.u[self.rows + 1] - u], axis=1)
+        for error, one, other in zip(errors, q, self.q[self.rows + 1], strict=True):
+            mujoco.mj_differentiatePos(model, error[: model.nv], 1.0, one, other)
+        hinges = model.jnt_dofadr[model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)]
+        turns = 2.0 * np.pi
+        errors[:, hinges] -= turns * np.round(errors[:, hinges] / turns)
+        return np.asarray(errors)
 
 
 def replay_mujoco(
@@ -118,42 +175,18 @@ def replay_mujoco(
     late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u, turning)
-    last = resolution(q), resolution(u)
-    digits = DIGITS_ALLOWED * max(last[0] / _change(q), last[1] / _change(u))
+    digits = DIGITS_ALLOWED * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
     allowed = np.full(len(missed), ENGINE + digits * steps)
-    for k in np.flatnonzero(missed > allowed):
-        control = ctrl[k + int(late)]
-        others = _near(own, float(t[k]), q[k], u[k], control, act[k], steps, last)
-        apart = [
-            np.abs(x - ends[k][i]).max(initial=0.0) / _change((q, u)[i])
-            for one in others
-            for i, x in enumerate(one)
-        ]
-        allowed[k] = max(allowed[k], 2.0 * max(apart))
+    some = np.flatnonzero(missed > allowed)
+    if len(some):  # contacts spread what the digits of a row leave open
+        prediction = Prediction(t, q, u, ctrl[int(late) :], act, steps, some)
+        here = prediction.arrivals(own)
+        for seed in range(STATES_WITHIN_DIGITS):
+            there = prediction.within_digits(seed).arrivals(own)
+            apart = [np.abs(x - y) / _change(z) for x, y, z in zip(here, there, (q, u))]
+            allowed[some] = np.maximum(allowed[some], 2.0 * np.hstack(apart).max(axis=1))
     arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
     return Replay(run, arrivals, missed, allowed, t, steps, late)
-
-
-def _near(
-    model: Any,
-    t: float,
-    q: Array,
-    u: Array,
-    ctrl: Array,
-    act: Array,
-    steps: int,
-    digits: tuple[float, float],
-) -> list[tuple[Array, Array]]:
-    """Where states arrive that are written as this one is: contacts spread what digits leave open."""
-    mujoco, rng = simulator("mujoco", "mujoco"), np.random.default_rng(0)
-    data, ends = mujoco.MjData(model), list[tuple[Array, Array]]()
-    for _ in range(STATES_WITHIN_DIGITS):
-        data.time, data.ctrl[:], data.act[:], data.qacc_warmstart[:] = t, ctrl, act, 0.0
-        data.qpos[:] = q + digits[0] * rng.uniform(-1.0, 1.0, len(q))
-        data.qvel[:] = u + digits[1] * rng.uniform(-1.0, 1.0, len(u))
-        mujoco.mj_step(model, data, steps)
-        ends.append((data.qpos.copy(), data.qvel.copy()))
-    return ends
 
 
 def _stepped(
@@ -199,7 +232,7 @@ def _change(values: Array) -> float:
     return max(float(np.median(change)), 1e-6 * max_norm(values), 1e-12)
 
 
-def resolution(values: Array) -> float:
+def _resolution(values: Array) -> float:
     """The unit in the last digit that was written."""
     largest = max_norm(values)
     if np.array_equal(values, values.astype(np.float32)):

@@ -536,14 +536,12 @@ def _judged(
                 )
                 noticed = (*judged.noticed, *map(replayed.as_note, departs))
                 by_actuators = replace(judged, noticed=noticed)
+        decided = by_actuators is not None and by_actuators.kind != "unresolved"
         other = None
-        if again.with_other_parameters and (
-            by_actuators is None or by_actuators.kind == "unresolved"
-        ):
+        if again.with_other_parameters and not decided:
             other = again.with_other_parameters()
-        if (
-            other and source.replay
-        ):  # asked for are the model's own steps, and the joules by which they miss
+        if other and source.replay:
+            # Asked for are the model's own steps, and the joules by which they miss.
             findings = (*findings, *(f for f in other.findings if f.kind == "identified"))
             other = None
         elif other:

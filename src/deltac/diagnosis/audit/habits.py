@@ -634,8 +634,8 @@ def realigned(
     """
     left = begun.left_by_shifts(beside_causes)
     if not beside_causes and begun.points and any(begun.points[-1].forces.stairs):
-        # A stair whose steps are of other rows is not told from one that changes between rows by the flow, of
-        # which methods of low order differ by more: their maps decide.
+        # A stair logged some rows late looks like one that changes between rows: the flow tells them apart by
+        # less than what a method of low order departs from it. The maps of methods decide.
         for late in sorted(left.keys() - {0}, key=lambda m: left[m])[:MOST_LATE]:
             shifted = _shifted(run, late)
             begun_so = closed(mechanism, shifted)

@@ -1,9 +1,9 @@
 """Parameters of a MuJoCo model by which it reproduces a log that it misses: system identification.
 
-A step of the simulator is its own prediction, with contacts, limits and servos. What parameters do to it are
-differences of steps; those that leave least of the prediction errors, in the sum of their absolute values,
-are found by Gauss and Newton (Ljung, System Identification, 1999, ch. 7 and 15). That sum is zero only where
-all rows are met, and a few blows do not bend it.
+The simulator's own step predicts the next row, contacts, limits and servos included. Differences of steps are
+the sensitivities to each parameter; Gauss and Newton's method finds those that make the sum of absolute
+prediction errors least (Ljung, System Identification, 1999, ch. 7, 10 and 15). That sum is robust against the
+rows that a blow disturbs, and vanishes only where all rows are met.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import ROUGHLY, SMALL_SHARE, SOME_ROWS, Array
 from deltac.errors import listed
-from deltac.importers.mujoco import quiet
 from deltac.importers.names import (
     actuator_names,
     body_names,
@@ -26,7 +24,7 @@ from deltac.importers.names import (
     joint_names,
     tendon_names,
 )
-from deltac.recorders.replay import resolution
+from deltac.recorders.replay import Prediction
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -172,7 +170,10 @@ def parameters(program: MjModel) -> Iterator[Parameter]:
         if program.tendon_limited[k]:
             yield Parameter("upper limit", tendon, (("tendon_range", (k, 1)),), 0.1)
     for a, actuator in enumerate(actuator_names(program)):
-        yield Parameter("gear", actuator, (("actuator_gear", a),))
+        if (
+            len(program.actuator_gear) == program.nu
+        ):  # an actuator of several outputs has as many gears
+            yield Parameter("gear", actuator, (("actuator_gear", a),))
         _, position, speed = program.actuator_biasprm[a, :3]
         if position:
             gain = (("actuator_gainprm", (a, 0)), ("actuator_biasprm", (a, 1)))
@@ -188,65 +189,6 @@ def parameters(program: MjModel) -> Iterator[Parameter]:
             yield Parameter("friction", geom, (("geom_friction", (g, 0)),))
             for k, axis in enumerate("xyz"):
                 yield Parameter(f"place ({axis})", geom, (("geom_pos", (g, k)),), 0.01)
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Rows of a log, and the steps that a model takes from some of them to the next.
-
-    t, q, u     of all rows: (T,), (T, nq), (T, nv)
-    ctrl, act   of the steps from each row (T − 1, nu), (T − 1, na)
-    steps       of the model from row to row
-    rows        those from which it is stepped
-    """
-
-    t: Array
-    q: Array
-    u: Array
-    ctrl: Array
-    act: Array
-    steps: int
-    rows: NDArray[np.intp]
-
-    @property
-    def scale(self) -> Array:
-        """What speeds change by from row to row, typically, and what that moves coordinates by (2 nv,)."""
-        each = np.median(np.abs(np.diff(self.u, axis=0)), axis=0)
-        each = np.maximum(each, SMALL_SHARE * each.max()) + 1e-12
-        return np.concatenate([each * float(np.median(np.diff(self.t))), each])
-
-    def within_digits(self) -> Prediction:
-        """The same with other states within the last digits of the rows."""
-        rng = np.random.default_rng(0)
-        q, u = (x + resolution(x) * rng.uniform(-1.0, 1.0, x.shape) for x in (self.q, self.u))
-        return replace(self, q=q, u=u)
-
-    def arrivals(self, program: MjModel) -> tuple[Array, Array]:
-        """States (N, nq) and (N, nv) that the model arrives at."""
-        import mujoco
-
-        data = mujoco.MjData(program)
-        q, u = self.q[self.rows], self.u[self.rows]
-        with quiet(mujoco):  # parameters that are tried may be wild
-            for k, place, speed in zip(self.rows, q, u, strict=True):
-                data.time, data.qpos[:], data.qvel[:] = self.t[k], place, speed
-                data.ctrl[:], data.act[:], data.qacc_warmstart[:] = self.ctrl[k], self.act[k], 0.0
-                mujoco.mj_step(program, data, self.steps)
-                place[:], speed[:] = data.qpos, data.qvel
-        return q, u
-
-    def errors(self, program: MjModel) -> Array:
-        """What the rows after these are beyond the states that the model arrives at (N, 2 nv)."""
-        import mujoco
-
-        q, u = self.arrivals(program)
-        errors = np.concatenate([np.zeros_like(u), self.u[self.rows + 1] - u], axis=1)
-        for error, one, other in zip(errors, q, self.q[self.rows + 1], strict=True):
-            mujoco.mj_differentiatePos(program, error[: program.nv], 1.0, one, other)
-        hinges = program.jnt_dofadr[program.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)]
-        turns = 2.0 * np.pi
-        errors[:, hinges] -= turns * np.round(errors[:, hinges] / turns)
-        return np.asarray(errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +267,7 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
 
     here = left(Fit())
     whole = float(np.abs(here).sum())
-    # What states that are written alike do otherwise is left by the right parameters, too.
+    # Rounding of the rows alone leaves that much, by the right parameters too.
     apart = (some.within_digits().errors(program) / scale).ravel() - here
     enough = np.clip(2.0 * np.abs(apart).sum() / (whole + 1e-300), SMALL_SHARE, ROUGHLY)
 
@@ -340,7 +282,7 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
         least = float(np.abs(here).sum())
         for _ in range(ITERATIONS):
             step = -_least_absolute(effects(fit, range(len(fit.by)), here), here)
-            for part in (1.0, 0.3, 0.1):  # beyond what is nearly linear
+            for part in (1.0, 0.3, 0.1):  # shorter where the effects are not linear
                 other = _moved(fit, np.maximum(part * step, bounds - fit.by))
                 there = left(other)
                 if float(np.abs(there).sum()) < least:
@@ -372,13 +314,13 @@ def identified(program: MjModel, prediction: Prediction, most: int) -> Fit | Non
             own = np.hstack([common, effects(fit, [len(known)], here)])
             scores.append(float(np.abs(here - own @ _least_absolute(own, here)).sum()))
         likely = [fitted(further[k]) for k in np.argsort(scores)[:MOST].tolist()]
-        # Of those that leave next to nothing, that of a single element.
+        # Among fits that leave next to nothing, one of a single element is preferred.
         best = min(likely, key=lambda fit: (max(fit.left, enough), not fit.chosen[-1].element))
         alike = tuple(fit for fit in likely if fit is not best and fit.left <= enough)
         best = replace(best, others=alike)
         if best.left > enough and any(p.has_constants for p in best.chosen):
             best = better(best)
-    for p in best.chosen:  # that another has made superfluous
+    for p in best.chosen:  # a later one may have made it superfluous
         kept = [k for k, x in enumerate(best.chosen) if x != p]
         fewer = replace(
             best,

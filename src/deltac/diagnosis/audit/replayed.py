@@ -13,7 +13,7 @@ import numpy as np
 
 from deltac.arrays import ROUGHLY, SAME, SAME_STEP, SMALL_SHARE, SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
-from deltac.diagnosis.audit.identification import Prediction, identified, stepped_otherwise
+from deltac.diagnosis.audit.identification import identified, stepped_otherwise
 from deltac.diagnosis.inputs.channels import foreign_channels
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.inputs.omissions import assumed_zero
@@ -34,7 +34,7 @@ from deltac.recorders.mujoco_forces import (
     solver_name,
 )
 from deltac.recorders.mujoco_recorder import as_run, compiled_model
-from deltac.recorders.replay import Replay, replay_mujoco
+from deltac.recorders.replay import Prediction, Replay, replay_mujoco
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.files import log_reading, naming
 from deltac.trajectories.formats.mapping import MappingLike
@@ -188,8 +188,8 @@ def _with_other_parameters(
             "MuJoCo reproduces the log with another step or integrator than the model's: "
             f"{solver_name(again)} of {again.opt.timestep:.6g} s, not {solver_name(own)} of "
             f"{own.opt.timestep:.6g} s",
-            f"steps of the model miss {len(rows)} of {len(missed)} rows",
-            "It is judged as it was run; give the model these options to run it so",
+            f"the model's own steps miss {len(rows)} of {len(missed)} rows",
+            "The log is judged with these options; give them to the model to repeat the run",
             "note",
         )
     else:
@@ -205,8 +205,8 @@ def _with_other_parameters(
             "identified",
             "MuJoCo reproduces the log with other parameters than the model's: "
             + "; or ".join(one.changes(own) for one in (fit, *fit.others)),
-            f"steps of the model miss {len(rows)} of {len(missed)} rows, by {most:.3g} J in all at most; "
-            f"with these, they miss them by {percent(fit.left)} of that",
+            f"the model's own steps miss {len(rows)} of {len(missed)} rows, which adds up to {most:.3g} J; "
+            f"with these parameters, {percent(fit.left)} of the misses are left",
             "Give the model the values that the simulator used",
             "cause" if unseen and most > reference.tolerance * energy else "note",
             fit.chosen[0].element,
